@@ -1,0 +1,34 @@
+# One line per test program: envconv_test(NAME [LABELS ...] [LIBRARIES ...]); the source is tests/NAME.cpp.
+find_package(GTest REQUIRED)
+include(GoogleTest)
+
+function(envconv_test name)
+  cmake_parse_arguments(arg "" "" "LABELS;LIBRARIES" ${ARGN})
+  add_executable(${name} tests/${name}.cpp)
+  target_link_libraries(${name} PRIVATE envconv GTest::gtest GTest::gtest_main ${arg_LIBRARIES})
+  target_compile_definitions(${name} PRIVATE ENVCONV_TESTDATA="${CMAKE_CURRENT_SOURCE_DIR}/testdata"
+                                             ENVCONV_BUILD="${CMAKE_CURRENT_BINARY_DIR}")
+  add_test(NAME ${name} COMMAND ${name})
+  set_tests_properties(${name} PROPERTIES LABELS "${arg_LABELS}")
+endfunction()
+
+foreach(test IN ITEMS layout_laws_test layout_facts_test diamond_facts_test analyze_test packing_test recognize_test io_test
+                      resample_test)
+  if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/tests/${test}.cpp)
+    envconv_test(${test})
+  endif()
+endforeach()
+
+# Chooses SIMD targets, so it talks to Highway itself.
+envconv_test(simd_test LIBRARIES hwy::hwy)
+
+# The authors' library is GPL: an oracle for this test, never linked into the tool.
+find_library(CHEALPIX chealpix)
+if(CHEALPIX)
+  envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
+endif()
+include(tests/cli.cmake)
+if(TARGET io_test)
+  add_dependencies(io_test envconv_imageio)  # loaded at run time
+  target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not
+endif()
