@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+// Highlights of a Source: split from the rest, spread where texels are slivers, repeated across seams, and scaled so
+// that outputs receive exactly their energy.
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "solid_angle.h"
+#include "source.h"
+
+namespace envconv {
+namespace {
+
+// A texel is a highlight above so many times the image's mean, the mean itself taken of values cut off there.
+constexpr double threshold_over_mean = 4.0;
+// At most one texel in so many may be a highlight: beyond that the threshold goes up.
+constexpr double most_texels = 1.0 / 8;
+// Slivers (at a pole of latlong, say): side ratio above which a highlight is spread along its short side.
+constexpr double sliver_ratio = 2.0;
+constexpr int longest_spread = 64;  // texels
+constexpr double fixed_point = 0x1p50;
+
+// Threshold from a histogram of a sample of texels: 4 bins an octave, each with the sum of its values.
+struct Histogram {
+  static constexpr int bins = 1024;
+  std::array<double, bins> count{}, sum{};
+  static int bin(double v) { return std::clamp(static_cast<int>(std::log2(v) * 4.0) + bins / 2, 0, bins - 1); }
+  void add(double v) {
+    if (!(v > 0)) v = 0;
+    const int b = v > 0 ? bin(v) : 0;
+    count[static_cast<std::size_t>(b)] += 1;
+    sum[static_cast<std::size_t>(b)] += v;
+  }
+  double mean_below(double limit) const {
+    double n = 0, s = 0;
+    for (std::size_t b = 0; b < bins; ++b) {
+      if (count[b] == 0) continue;
+      n += count[b];
+      s += std::min(sum[b], count[b] * limit);
+    }
+    return n > 0 ? s / n : 0;
+  }
+  double share_above(double limit) const {
+    double n = 0, above = 0;
+    for (std::size_t b = 0; b < bins; ++b) {
+      n += count[b];
+      if (count[b] > 0 && sum[b] / count[b] > limit) above += count[b];
+    }
+    return n > 0 ? above / n : 0;
+  }
+};
+
+}  // namespace
+
+float* Source::excess_at(int face, int x, int y, bool create) {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  constexpr int side = Highlights::side;
+  std::int32_t& index = highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];
+  if (index < 0) {
+    if (!create) return nullptr;
+    index = static_cast<std::int32_t>(highlights_.blocks.size());
+    highlights_.blocks.emplace_back();
+    highlights_.blocks.back() = {};
+  }
+  return highlights_.blocks[static_cast<std::size_t>(index)].excess[y % side * side + x % side];
+}
+
+std::uint64_t* Source::received_at(int face, int x, int y) {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  constexpr int side = Highlights::side;
+  const std::int32_t index =
+      highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];
+  return index < 0 ? nullptr
+                   : &highlights_.blocks[static_cast<std::size_t>(index)].received[y % side * side + x % side];
+}
+
+void Source::split_highlights() {
+  const auto brightness = [](const float* t) { return std::max({std::abs(t[0]), std::abs(t[1]), std::abs(t[2])}); };
+  const auto texel = [&](const SourceFace& s, int x, int y) {
+    return texels_.data() +
+           4 * (static_cast<std::size_t>(s.first) + static_cast<std::size_t>(y) * static_cast<std::size_t>(s.pitch) +
+                static_cast<std::size_t>(x));
+  };
+  Histogram histogram;
+  std::size_t total = 0;
+  for (const SourceFace& s : faces_)
+    total += static_cast<std::size_t>(s.size.width) * static_cast<std::size_t>(s.size.height);
+  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(total) / 250000.0)));
+  for (const SourceFace& s : faces_)
+    for (int y = 0; y < s.size.height; y += step)
+      for (int x = (y / step) % step; x < s.size.width; x += step)
+        histogram.add(static_cast<double>(brightness(texel(s, x + apron_, y + apron_))));
+  double limit = threshold_over_mean * histogram.mean_below(1e30);
+  for (int i = 0; i < 40; ++i) limit = threshold_over_mean * histogram.mean_below(limit);
+  while (limit > 0 && histogram.share_above(limit) > most_texels) limit *= 1.5;
+  if (!(limit > 0)) return;
+  threshold_ = static_cast<float>(limit);
+
+  struct Found {
+    std::int32_t face, x, y;
+    float base[4];
+  };
+  std::vector<Found> found;
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const SourceFace& s = faces_[f];
+    std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
+    tbb::parallel_for(0, s.size.height, [&](int j) {
+      const int y = j + apron_;
+      for (int x = apron_; x < apron_ + s.size.width; ++x) {
+        const float* t = texel(s, x, y);
+        if (brightness(t) <= threshold_) continue;
+        if (layout_->info().domain != Domain::square &&
+            !layout_->owns(static_cast<int>(f), u_from_texel(x - apron_, s.size.width, placement_),
+                           u_from_texel(j, s.size.height, placement_)))
+          continue;
+        // What lies below the highlight: the mean of the texels around it that are none, so that the kernel has no step
+        // to ring at; deep inside a bright area, the threshold.
+        Found hit{static_cast<std::int32_t>(f), x, y, {}};
+        double sum[4]{}, n = 0;
+        for (int yy = std::max(y - 2, apron_); yy <= std::min(y + 2, apron_ + s.size.height - 1); ++yy)
+          for (int xx = std::max(x - 2, apron_); xx <= std::min(x + 2, apron_ + s.size.width - 1); ++xx) {
+            const float* q = texel(s, xx, yy);
+            if (brightness(q) > threshold_) continue;
+            for (int c = 0; c < 3; ++c) sum[c] += static_cast<double>(q[c]);
+            n += 1;
+          }
+        for (int c = 0; c < 3; ++c) hit.base[c] = std::min(t[c], n > 0 ? static_cast<float>(sum[c] / n) : threshold_);
+        hit.base[3] = t[3];  // alpha, or no channel at all
+        rows[static_cast<std::size_t>(j)].push_back(hit);
+      }
+    });
+    for (const auto& row : rows) found.insert(found.end(), row.begin(), row.end());
+  }
+  for (const Found& h : found) {
+    float* t = texel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);
+    float* e = excess_at(h.face, h.x, h.y, true);
+    for (int c = 0; c < 4; ++c) {
+      e[c] = t[c] - h.base[c];
+      t[c] = h.base[c];
+    }
+  }
+}
+
+void Source::spread_highlights() {
+  struct Deposit {
+    std::int32_t face, x, y;
+    std::array<float, 4> excess;
+  };
+  std::vector<Deposit> deposits;
+  constexpr int side = Highlights::side;
+  const auto sides = [&](int face, int x, int y, Vec3& d, Vec3& thin, double& wide_angle, double& thin_angle) {
+    const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+    const DirectionJet jet = layout_->direction_jet(face, u_from_texel(x - apron_, s.size.width, placement_),
+                                                    u_from_texel(y - apron_, s.size.height, placement_));
+    const Vec3 a = texel_extent(s.size.width, placement_) * jet.du,
+               b = texel_extent(s.size.height, placement_) * jet.dv;
+    // Principal axes of the texel's parallelogram on the sphere.
+    const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
+    const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
+    const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
+    wide_angle = std::sqrt(0.5 * (aa + bb + root));
+    thin_angle = std::sqrt(std::max(0.0, 0.5 * (aa + bb - root)));
+    const Vec3 wide = std::cos(angle) * a + std::sin(angle) * b;
+    d = jet.d;
+    thin = cross(jet.d, wide);
+    const double n = length(thin);
+    thin = n > 0 ? (1 / n) * thin : Vec3{0, 0, 0};
+  };
+  for (int f = 0; f < layout_->face_count(); ++f) {
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    const auto in_face = [&](int x, int y) {
+      return x >= apron_ && x < apron_ + s.size.width && y >= apron_ && y < apron_ + s.size.height;
+    };
+    for (int by = 0; by < s.rows; by += side)
+      for (int bx = 0; bx < s.pitch; bx += side) {
+        if (!excess_at(f, bx, by, false)) continue;
+        for (int y = by; y < by + side; ++y)
+          for (int x = bx; x < bx + side; ++x) {
+            if (!in_face(x, y)) continue;
+            float* e = excess_at(f, x, y, false);
+            if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+            Vec3 d, thin;
+            double wide_angle, thin_angle;
+            sides(f, x, y, d, thin, wide_angle, thin_angle);
+            if (wide_angle <= sliver_ratio * thin_angle) continue;
+            const int n = std::min(longest_spread, static_cast<int>(wide_angle / std::max(thin_angle, 1e-12)));
+            const double omega = texel_solid_angle(*layout_, f, x - apron_, y - apron_, s.size, placement_);
+            for (int k = 0; k < n; ++k) {
+              const double t = (k - 0.5 * (n - 1)) * thin_angle;
+              const Location at = layout_->locate(std::cos(t) * d + std::sin(t) * thin);
+              const SourceFace& o = faces_[static_cast<std::size_t>(at.face)];
+              const int i = std::clamp(static_cast<int>(std::lround(texel_from_u(at.u, o.size.width, placement_))), 0,
+                                       o.size.width - 1);
+              const int j = std::clamp(static_cast<int>(std::lround(texel_from_u(at.v, o.size.height, placement_))), 0,
+                                       o.size.height - 1);
+              const double to = texel_solid_angle(*layout_, at.face, i, j, o.size, placement_);
+              if (!(to > 0)) continue;
+              const float share = static_cast<float>(omega / (n * to));
+              deposits.push_back({at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2], 0}});
+            }
+            std::fill_n(e, 4, 0.0f);
+          }
+      }
+  }
+  for (const Deposit& p : deposits) {
+    float* e = excess_at(p.face, p.x, p.y, true);
+    for (std::size_t c = 0; c < 4; ++c) e[c] += p.excess[c];
+    const SourceFace& s = faces_[static_cast<std::size_t>(p.face)];
+    highlights_.slivers.push_back(layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
+                                                     u_from_texel(p.y - apron_, s.size.height, placement_)));
+  }
+}
+
+void Source::copy_highlights(const std::vector<Orphan>& orphans) {
+  for (const Orphan& o : orphans) {
+    Highlights::Copy copy{o.face, o.x, o.y, o.from_face, {}, {}, {}};
+    const SourceFace& s = faces_[static_cast<std::size_t>(o.from_face)];
+    const int x0 = static_cast<int>(std::floor(o.from_x)), y0 = static_cast<int>(std::floor(o.from_y));
+    const float fx = static_cast<float>(o.from_x - x0), fy = static_cast<float>(o.from_y - y0);
+    bool any = false;
+    for (int k = 0; k < 4; ++k) {
+      copy.from_x[k] = std::clamp(x0 + (k & 1), apron_, apron_ + s.size.width - 1);
+      copy.from_y[k] = std::clamp(y0 + (k >> 1), apron_, apron_ + s.size.height - 1);
+      copy.weight[k] = (k & 1 ? fx : 1 - fx) * (k >> 1 ? fy : 1 - fy);
+      const float* e = excess_at(o.from_face, copy.from_x[k], copy.from_y[k], false);
+      any = any || (e && copy.weight[k] > 0 && (e[0] != 0 || e[1] != 0 || e[2] != 0));
+    }
+    if (any) highlights_.copies.push_back(copy);
+  }
+  for (const Highlights::Copy& c : highlights_.copies) excess_at(c.face, c.x, c.y, true);
+  repeat_highlights();
+  // A bilinear read at texel x takes x and x + 1: blocks from which an excess can be met.
+  constexpr int side = Highlights::side;
+  for (const SourceFace& s : faces_) {
+    const int across = s.blocks, down = (s.rows + side - 1) / side;
+    for (int y = 0; y < down; ++y)
+      for (int x = 0; x < across; ++x)
+        for (int k = 0; k < 4; ++k) {
+          const int xx = std::min(x + (k & 1), across - 1), yy = std::min(y + (k >> 1), down - 1);
+          if (highlights_.index[static_cast<std::size_t>(s.first_block + yy * across + xx)] >= 0)
+            highlights_.reachable[static_cast<std::size_t>(s.first_block + y * across + x)] = 1;
+        }
+  }
+}
+
+void Source::repeat_highlights() {
+  for (const Highlights::Copy& c : highlights_.copies) {
+    float sum[4]{};
+    for (int k = 0; k < 4; ++k) {
+      const float* e = excess_at(c.from_face, c.from_x[k], c.from_y[k], false);
+      if (!e) continue;
+      for (int i = 0; i < 4; ++i) sum[i] += c.weight[k] * e[i];
+    }
+    std::copy_n(sum, 4, excess_at(c.face, c.x, c.y, true));
+  }
+}
+
+void Source::add_highlights(int face, int x, int y, float fx, float fy, float* value) const {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  if (!highlights_.any() || !highlights_.reach(s, x, y)) return;
+  for_each_highlight_tap(highlights_, s, x, y, fx, fy, [&](const Highlights::Block& block, int texel, float weight) {
+    for (int c = 0; c < 4; ++c) value[c] += weight * block.excess[texel][c];
+  });
+}
+
+std::vector<StrandedEnergy> Source::conserve_highlights() {
+  std::vector<StrandedEnergy> stranded;
+  if (!highlights_.any()) return stranded;
+  // What a repeated texel received came from its owners' excess.
+  for (const Highlights::Copy& c : highlights_.copies) {
+    const std::uint64_t received = *received_at(c.face, c.x, c.y);
+    for (int k = 0; k < 4; ++k)
+      if (std::uint64_t* owner = received_at(c.from_face, c.from_x[k], c.from_y[k]))
+        *owner += static_cast<std::uint64_t>(static_cast<double>(received) * static_cast<double>(c.weight[k]));
+  }
+  constexpr int side = Highlights::side;
+  for (int f = 0; f < layout_->face_count(); ++f) {
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    const int down = (s.rows + side - 1) / side;
+    std::vector<std::vector<StrandedEnergy>> by_block(static_cast<std::size_t>(s.blocks * down));
+    tbb::parallel_for(0, s.blocks * down, [&](int b) {
+      const std::int32_t index = highlights_.index[static_cast<std::size_t>(s.first_block + b)];
+      if (index < 0) return;
+      Highlights::Block& block = highlights_.blocks[static_cast<std::size_t>(index)];
+      // The block's texels that are in the face.
+      const int x0 = std::max(b % s.blocks * side, apron_), y0 = std::max(b / s.blocks * side, apron_);
+      const int x1 = std::min((b % s.blocks + 1) * side, apron_ + s.size.width);
+      const int y1 = std::min((b / s.blocks + 1) * side, apron_ + s.size.height);
+      if (x0 >= x1 || y0 >= y1) return;
+      double omega[side * side];
+      texel_solid_angles(*layout_, f, s.size, placement_, x0 - apron_, y0 - apron_, x1 - x0, y1 - y0, omega);
+      for (int y = y0; y < y1; ++y)
+        for (int x = x0; x < x1; ++x) {
+          float* e = block.excess[y % side * side + x % side];
+          if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+          const double own = omega[(y - y0) * (x1 - x0) + (x - x0)];
+          const double got = static_cast<double>(block.received[y % side * side + x % side]) / fixed_point;
+          if (got > 0) {
+            const float scale = static_cast<float>(own / got);
+            for (int c = 0; c < 4; ++c) e[c] *= scale;
+            continue;
+          }
+          StrandedEnergy lost;
+          lost.direction = layout_->direction(f, u_from_texel(x - apron_, s.size.width, placement_),
+                                              u_from_texel(y - apron_, s.size.height, placement_));
+          for (int c = 0; c < 4; ++c) lost.energy[c] = own * static_cast<double>(e[c]), e[c] = 0;
+          by_block[static_cast<std::size_t>(b)].push_back(lost);
+        }
+    });
+    for (const auto& block : by_block) stranded.insert(stranded.end(), block.begin(), block.end());
+  }
+  repeat_highlights();
+  return stranded;
+}
+
+}  // namespace envconv

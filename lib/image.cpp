@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "image.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+
+#include "solid_angle.h"
+
+namespace envconv {
+
+void Image::Free::operator()(float* p) const { std::free(p); }
+
+Image::Image(int width, int height, int channels) : width_(width), height_(height), channels_(channels) {
+  // One vector more than the pixels, so that kernels may load whole vectors at the end.
+  const std::size_t bytes = (value_count() * sizeof(float) + 2 * 64 - 1) / 64 * 64;
+  pixels_.reset(static_cast<float*>(std::aligned_alloc(64, bytes)));
+  if (!pixels_) throw std::bad_alloc();
+}
+
+void Image::fill(float value) { std::fill_n(data(), value_count(), value); }
+
+Image Image::clone() const {
+  Image copy(width_, height_, channels_);
+  std::memcpy(copy.data(), data(), value_count() * sizeof(float));
+  return copy;
+}
+
+Channels Channels::standard(int count) {
+  switch (count) {
+    case 1: return {{"Y"}, -1};
+    case 2: return {{"Y", "A"}, 1};
+    case 3: return {{"R", "G", "B"}, -1};
+    case 4: return {{"R", "G", "B", "A"}, 3};
+    default: break;
+  }
+  Channels channels;
+  for (int i = 0; i < count; ++i) channels.names.push_back("channel" + std::to_string(i));
+  return channels;
+}
+
+std::size_t EnvImage::texel_count() const {
+  std::size_t n = 0;
+  for (const Image& face : faces) n += face.pixel_count();
+  return n;
+}
+
+Size face_size(const Layout& layout, int face, int height) {
+  const Face& f = layout.info().faces[static_cast<std::size_t>(face)];
+  // Rounded up, but not by the last bits of a product that is whole in truth.
+  const auto up = [](double x) { return std::max(1, static_cast<int>(std::ceil(x - 1e-7))); };
+  const double h = f.scale * height;
+  return {up(f.aspect * h), up(h)};
+}
+
+std::int64_t texel_count(const Layout& layout, int height) {
+  std::int64_t n = 0;
+  for (int f = 0; f < layout.face_count(); ++f) {
+    const Size s = face_size(layout, f, height);
+    n += static_cast<std::int64_t>(s.width) * s.height;
+  }
+  return n;
+}
+
+Mat3 layout_from_world(const Layout& layout, const Mat3& consumer_from_world) {
+  const Frame* implied = find_frame(layout.info().frame);
+  return implied ? implied->consumer_from_world * consumer_from_world : consumer_from_world;
+}
+
+Mat3 layout_from_world(const EnvImage& image) { return layout_from_world(*image.layout, image.consumer_from_world); }
+
+double texel_solid_angle(const Layout& layout, int face, int i, int j, Size size, Placement placement) {
+  double value;
+  texel_solid_angles(layout, face, size, placement, i, j, 1, 1, &value);
+  return value;
+}
+
+}  // namespace envconv

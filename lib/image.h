@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pixels: Image, a rectangle of floats; EnvImage, an environment that knows its layout, placement and frame.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "geometry.h"
+#include "layout.h"
+#include "result.h"
+
+namespace envconv {
+
+/// A rectangle of float pixels, channels interleaved, rows contiguous, top row first: [height][width][channels].
+/// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.
+class Image {
+ public:
+  Image() = default;
+  Image(int width, int height, int channels);
+  /// A size and no pixels: empty() is true.
+  static Image without_pixels(int width, int height, int channels) {
+    Image image;
+    image.width_ = width;
+    image.height_ = height;
+    image.channels_ = channels;
+    return image;
+  }
+  Image(Image&&) noexcept = default;
+  Image& operator=(Image&&) noexcept = default;
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  int channels() const { return channels_; }
+  bool empty() const { return !pixels_; }
+  std::size_t pixel_count() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
+  std::size_t value_count() const { return pixel_count() * static_cast<std::size_t>(channels_); }
+
+  float* row(int y) { return pixels_.get() + static_cast<std::size_t>(y) * row_values(); }
+  const float* row(int y) const { return pixels_.get() + static_cast<std::size_t>(y) * row_values(); }
+  float* at(int x, int y) { return row(y) + static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_); }
+  const float* at(int x, int y) const {
+    return row(y) + static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
+  }
+  float* data() { return pixels_.get(); }
+  const float* data() const { return pixels_.get(); }
+
+  void fill(float value);
+  Image clone() const;
+
+ private:
+  std::size_t row_values() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_); }
+  struct Free {
+    void operator()(float* p) const;
+  };
+  int width_ = 0, height_ = 0, channels_ = 0;
+  std::unique_ptr<float[], Free> pixels_;  // aligned to 64 bytes
+};
+
+/// What channels mean.  Radiance is linear, colour associated with (multiplied by) alpha.
+struct Channels {
+  std::vector<std::string> names;  ///< "R", "G", "B", "A" or "Y" ...; as many as the image has channels
+  int alpha = -1;                  ///< index of the alpha channel, or -1
+
+  int count() const { return static_cast<int>(names.size()); }
+  /// Y, YA, RGB or RGBA for 1 to 4 channels.
+  static Channels standard(int count);
+  friend bool operator==(const Channels&, const Channels&) = default;
+};
+
+/// An environment: one linear float image per face of a layout.
+struct EnvImage {
+  const Layout* layout = nullptr;  ///< registered, never owned
+  Placement placement = Placement::centre;
+  Mat3 consumer_from_world;  ///< the frame the faces were written for, beside the one the layout's name implies
+  Channels channels;
+  std::vector<Image> faces;  ///< in the layout's order; all with channels.count() channels
+
+  int height() const { return faces.empty() ? 0 : faces.front().height(); }
+  std::size_t texel_count() const;
+};
+
+/// Width and height in texels.
+struct Size {
+  int width = 0, height = 0;
+  friend bool operator==(const Size&, const Size&) = default;
+};
+
+/// Size of a face when face 0 is `height` texels high: texels square in the face's metric and alike at the faces'
+/// centres, rounded up (layout contract).  height >= 1.
+Size face_size(const Layout& layout, int face, int height);
+
+/// Texels of all faces together.
+std::int64_t texel_count(const Layout& layout, int height);
+
+/// World direction of face points to the layout's own axes: frame and implied frame together.
+Mat3 layout_from_world(const EnvImage& image);
+Mat3 layout_from_world(const Layout& layout, const Mat3& consumer_from_world);
+
+/// Solid angle, in steradians, of the part of a texel that the layout owns.  The texels of all faces add up to 4 pi.
+/// `size` is the face's; relative accuracy about 1e-6 away from seams, and where a seam crosses the texel 1/1000 of it.
+double texel_solid_angle(const Layout& layout, int face, int i, int j, Size size, Placement placement);
+
+/// Mean radiance over the sphere of each channel: texels weighted by texel_solid_angle.  [channels]
+std::vector<double> mean_radiance(const EnvImage& image);
+
+}  // namespace envconv

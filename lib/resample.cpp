@@ -1,0 +1,501 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tiles of the output, in parallel.  Each texel's footprint is sampled in the output's own (u, v): ku x kv points, each
+// located exactly in the source, so that curved footprints, poles and seams are no special case.
+//
+// The integral over a footprint is over solid angle: a sample's weight is its quadrature weight times the density
+// |dd/du x dd/dv| there, relative to the density at the texel's centre, to first order: 1 + g . offset.  The nodes lie
+// symmetrically, so these weights still add up to 1 and a constant stays constant.
+//
+// How many samples: the distance between them is at most Filter::spacing source texels, along each axis of the output
+// apart.  Where the source's texels are slivers (latlong at its poles) their short side counts as no less than a
+// quarter of the long one.
+//
+// Highlights take two passes.  In the first every output texel reports the share of solid angle by which it received
+// each highlight (integers, so that the order does not matter); the highlights are then scaled to conserve their energy
+// (Source::conserve_highlights), and the second pass adds them where they were met.
+#include "resample.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <new>
+
+#include "quadrature.h"
+#include "read_kernels.h"
+#include "solid_angle.h"
+#include "source.h"
+
+namespace envconv {
+namespace {
+
+constexpr int tile_rows = 32;
+constexpr double sliver_limit = 4.0;    // longest side over shortest that the sampling follows
+constexpr int sliver_samples = 24;      // samples a side where highlights lie on slivers
+constexpr double fixed_point = 0x1p50;  // of Highlights::Block::received
+
+struct Tile {
+  int face, x0, y0, width, height;
+  bool slivers = false;     // holds highlights that need dense sampling
+  bool highlights = false;  // met highlights in the first pass
+};
+
+// Density relative to neighbours, and the number of samples, over one tile.
+struct TilePlan {
+  static constexpr int nodes_x = 5, nodes_y = 3;
+  double density[nodes_y][nodes_x];
+  int ku = 1, kv = 1;
+};
+
+class Resampler {
+ public:
+  Resampler(const EnvImage& source, const ResampleOptions& options, const Filter& filter)
+      : source_(source), options_(options), filter_(filter) {
+    const Mat3 out_from_world = layout_from_world(*options.layout, options.consumer_from_world);
+    source_from_out_ =
+        layout_from_world(source) * (transpose(rotation_matrix(options.rotation)) * transpose(out_from_world));
+    for (std::size_t i = 0; i < 9; ++i) matrix_[i] = static_cast<float>(source_from_out_.m[i]);
+  }
+
+  bool is_copy() const {
+    if (source_.layout != options_.layout || source_.placement != options_.placement || filter_.window != 1.0)
+      return false;
+    if (!(source_from_out_ == Mat3{})) return false;
+    for (int f = 0; f < source_.layout->face_count(); ++f) {
+      const Image& face = source_.faces[static_cast<std::size_t>(f)];
+      if (Size{face.width(), face.height()} != face_size(*options_.layout, f, options_.height)) return false;
+    }
+    return true;
+  }
+
+  Result<EnvImage> run() {
+    EnvImage out;
+    out.layout = options_.layout;
+    out.placement = options_.placement;
+    out.consumer_from_world = options_.consumer_from_world;
+    out.channels = source_.channels;
+    if (is_copy()) {
+      for (const Image& face : source_.faces) out.faces.push_back(face.clone());
+      return out;
+    }
+    for (int f = 0; f < options_.layout->face_count(); ++f) {
+      const Size size = face_size(*options_.layout, f, options_.height);
+      out.faces.emplace_back(size.width, size.height, source_.channels.count());
+    }
+    make_tiles(out);
+    const int groups = (source_.channels.count() + 3) / 4;
+    for (int g = 0; g < groups && !stopped_; ++g) {
+      Source source(source_, 4 * g, filter_);
+      share_done_ = static_cast<double>(g) / groups;
+      share_step_ = 1.0 / groups;
+      run_group(source, out, 4 * g);
+    }
+    if (stopped_) return Error{ErrorCode::output, "stopped"};
+    keep_mean(out);
+    return out;
+  }
+
+ private:
+  // Sampling leaves the mean over the sphere off by 1e-8 to 1e-3 of itself (most where texel-sized noise is shrunk a
+  // little).  What is missing is given back in proportion to each value's magnitude: a gain for radiance, and nothing
+  // for a constant, whose mean is exact already.
+  void keep_mean(EnvImage& out) const {
+    constexpr double most = 0.01;  // more than this is no rounding to be mended: a handful of texels, or singular ones
+    const SphereMean before = sphere_mean(source_), after = sphere_mean(out);
+    const int channels = out.channels.count();
+    std::vector<float> share(static_cast<std::size_t>(channels), 0.0f);
+    bool any = false;
+    for (std::size_t c = 0; c < share.size(); ++c) {
+      const double missing = before.value[c] - after.value[c];
+      if (!(after.magnitude[c] > 0) || !(std::abs(missing) <= most * after.magnitude[c])) continue;
+      share[c] = static_cast<float>(missing / after.magnitude[c]);
+      any = any || std::abs(share[c]) > 1e-7f;
+    }
+    if (!any) return;
+    for (Image& face : out.faces)
+      tbb::parallel_for(0, face.height(), [&](int y) {
+        float* p = face.row(y);
+        for (int x = 0; x < face.width(); ++x)
+          for (int c = 0; c < channels; ++c, ++p) *p += share[static_cast<std::size_t>(c)] * std::abs(*p);
+      });
+  }
+
+  void make_tiles(const EnvImage& out) {
+    for (int f = 0; f < out.layout->face_count(); ++f) {
+      const Image& face = out.faces[static_cast<std::size_t>(f)];
+      for (int y = 0; y < face.height(); y += tile_rows)
+        for (int x = 0; x < face.width(); x += row_texels)
+          tiles_.push_back({f, x, y, std::min(row_texels, face.width() - x), std::min(tile_rows, face.height() - y)});
+    }
+  }
+
+  // Tiles of the output that see a highlight on a sliver, or are one texel away from seeing it.
+  void mark_slivers(const Source& source, const EnvImage& out) {
+    for (Tile& t : tiles_) t.slivers = t.highlights = false;
+    if (source.highlights().slivers.empty()) return;
+    std::vector<std::size_t> first;  // index of each face's first tile
+    for (std::size_t i = 0; i < tiles_.size(); ++i)
+      if (static_cast<std::size_t>(tiles_[i].face) == first.size()) first.push_back(i);
+    const Mat3 out_from_source = transpose(source_from_out_);
+    for (const Vec3& d : source.highlights().slivers) {
+      const Location at = out.layout->locate(out_from_source * d);
+      const Image& face = out.faces[static_cast<std::size_t>(at.face)];
+      const double x = texel_from_u(at.u, face.width(), out.placement);
+      const double y = texel_from_u(at.v, face.height(), out.placement);
+      const int across = (face.width() + row_texels - 1) / row_texels;
+      for (const double dx : {-1.5, 1.5})
+        for (const double dy : {-1.5, 1.5}) {
+          const int i = std::clamp(static_cast<int>(std::floor(x + dx + 0.5)), 0, face.width() - 1);
+          const int j = std::clamp(static_cast<int>(std::floor(y + dy + 0.5)), 0, face.height() - 1);
+          tiles_[first[static_cast<std::size_t>(at.face)] +
+                 static_cast<std::size_t>(j / tile_rows * across + i / row_texels)]
+              .slivers = true;
+        }
+    }
+  }
+
+  void run_group(Source& source, EnvImage& out, int first_channel) {
+    const SourceView view = source.view();
+    mark_slivers(source, out);
+    std::atomic<std::size_t> done{0};
+    tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
+      if (stopped_) return;
+      first_pass(source, view, tiles_[i], out, first_channel);
+      if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
+                                                                    static_cast<double>(tiles_.size())))
+        stopped_ = true;
+    });
+    if (!source.highlights().any() || stopped_) return;
+    const std::vector<StrandedEnergy> stranded = source.conserve_highlights();
+    tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
+      if (tiles_[i].highlights) second_pass(source, view, tiles_[i], out, first_channel);
+    });
+    for (const StrandedEnergy& e : stranded) deposit(e, out, first_channel);
+  }
+
+  // Energy that no sample met goes to the texel in whose footprint it lies, or its neighbour with the most solid angle.
+  void deposit(const StrandedEnergy& stranded, EnvImage& out, int first_channel) const {
+    const Location at = out.layout->locate(transpose(source_from_out_) * stranded.direction);
+    Image& face = out.faces[static_cast<std::size_t>(at.face)];
+    const Size size{face.width(), face.height()};
+    const int x =
+        std::clamp(static_cast<int>(std::lround(texel_from_u(at.u, size.width, out.placement))), 0, size.width - 1);
+    const int y =
+        std::clamp(static_cast<int>(std::lround(texel_from_u(at.v, size.height, out.placement))), 0, size.height - 1);
+    double best = 0;
+    int best_x = x, best_y = y;
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx) {
+        const int xx = std::clamp(x + dx, 0, size.width - 1), yy = std::clamp(y + dy, 0, size.height - 1);
+        double omega = texel_solid_angle(*out.layout, at.face, xx, yy, size, out.placement);
+        if (dx == 0 && dy == 0) omega *= 4;  // unless it is a remnant cut off by a seam
+        if (omega > best) best = omega, best_x = xx, best_y = yy;
+      }
+    const double omega = texel_solid_angle(*out.layout, at.face, best_x, best_y, size, out.placement);
+    float* to = face.at(best_x, best_y) + first_channel;
+    for (int c = 0; c < std::min(4, source_.channels.count() - first_channel); ++c)
+      to[c] += static_cast<float>(stranded.energy[c] / omega);
+  }
+
+  TilePlan plan(const Source& source, const Tile& tile, const EnvImage& out) const {
+    TilePlan plan;
+    const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const double eu = texel_extent(face.width(), out.placement), ev = texel_extent(face.height(), out.placement);
+    double need_u = 0, need_v = 0;
+    for (int j = 0; j < TilePlan::nodes_y; ++j)
+      for (int i = 0; i < TilePlan::nodes_x; ++i) {
+        const double u =
+            u_from_texel(tile.x0 - 0.5 + tile.width * i / (TilePlan::nodes_x - 1.0), face.width(), out.placement);
+        const double v =
+            u_from_texel(tile.y0 - 0.5 + tile.height * j / (TilePlan::nodes_y - 1.0), face.height(), out.placement);
+        const DirectionJet jet = out.layout->direction_jet(tile.face, u, v);
+        plan.density[j][i] = out.layout->info().equal_area ? 1.0 : length(cross(jet.du, jet.dv));
+        if (i % 2 || (j % 2 && i != 2)) continue;
+        // Sides of the texel in source texels.
+        const Vec3 tu = source_from_out_ * (eu * jet.du), tv = source_from_out_ * (ev * jet.dv);
+        const Vec3 d = source_from_out_ * jet.d;
+        const Location at = source.layout().locate(d);
+        const SourceFace& s = source.faces()[static_cast<std::size_t>(at.face)];
+        const DirectionJet from = source.layout().direction_jet(at.face, at.u, at.v);
+        const Vec3 a = texel_extent(s.size.width, source.placement()) * from.du;
+        const Vec3 b = texel_extent(s.size.height, source.placement()) * from.dv;
+        const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
+        const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
+        double wide = std::sqrt(0.5 * (aa + bb + root));
+        const double thin = std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / sliver_limit);
+        if (!(wide > 0) || !std::isfinite(wide)) continue;
+        const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
+        const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
+        const auto texels = [&](Vec3 t) {
+          const double l = dot(t, along), all = dot(t, t);
+          return std::sqrt(l * l / (wide * wide) + std::max(0.0, all - l * l) / (thin * thin));
+        };
+        const double nu = texels(tu), nv = texels(tv);
+        if (std::isfinite(nu)) need_u = std::max(need_u, nu);
+        if (std::isfinite(nv)) need_v = std::max(need_v, nv);
+      }
+    if (options_.samples > 0) {
+      plan.ku = plan.kv = options_.samples;
+    } else {
+      const auto samples = [&](double texels) {
+        if (filter_.spacing <= 0) return filter_.least_samples;
+        return std::clamp(static_cast<int>(std::ceil(texels * filter_.window / filter_.spacing - 0.02)),
+                          filter_.least_samples, 4096);
+      };
+      plan.ku = samples(need_u);
+      plan.kv = samples(need_v);
+    }
+    if (tile.slivers) plan.ku = std::max(plan.ku, sliver_samples), plan.kv = std::max(plan.kv, sliver_samples);
+    return plan;
+  }
+
+  struct Workspace {
+    ReadScratch scratch;
+    alignas(64) float u[most_samples + 16], v[most_samples + 16], x[most_samples + 16], y[most_samples + 16],
+        z[most_samples + 16], face[most_samples + 16], su[most_samples + 16], sv[most_samples + 16],
+        weight[most_samples + 16];
+    alignas(64) float accumulator[row_texels * 16];
+    float total[row_texels];
+    float row[row_texels * 4];
+  };
+
+  static Workspace& workspace() {
+    thread_local std::unique_ptr<Workspace> w;
+    if (!w) w = std::make_unique<Workspace>();
+    return *w;
+  }
+
+  // Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
+  // face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
+  template <class Visit>
+  void sample_row(const Source& source, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
+                  const Quadrature& qv, const EnvImage& out, int j, Workspace& w, const Visit& visit) const {
+    const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const int n = tile.width;
+    // Density at the texels' centres and its relative change per texel.
+    double gx[row_texels], gy[row_texels];
+    {
+      const auto density_at = [&](double x, double y) {  // in texels from the tile's corner
+        const double s = std::clamp(x / tile.width * (TilePlan::nodes_x - 1), 0.0, TilePlan::nodes_x - 1.0);
+        const double t = std::clamp(y / tile.height * (TilePlan::nodes_y - 1), 0.0, TilePlan::nodes_y - 1.0);
+        const int i = std::min(static_cast<int>(s), TilePlan::nodes_x - 2),
+                  k = std::min(static_cast<int>(t), TilePlan::nodes_y - 2);
+        const double a = s - i, b = t - k;
+        return (1 - b) * ((1 - a) * plan.density[k][i] + a * plan.density[k][i + 1]) +
+               b * ((1 - a) * plan.density[k + 1][i] + a * plan.density[k + 1][i + 1]);
+      };
+      // A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a pole.
+      const auto slope = [](double change, double here) {
+        return here > 0 && std::abs(change) <= 1e6 * here ? std::clamp(change / here, -2.0, 2.0) : 0.0;
+      };
+      for (int i = 0; i < n; ++i) {
+        const double here = density_at(i + 0.5, j + 0.5);
+        gx[i] = slope(density_at(i + 1.0, j + 0.5) - density_at(i, j + 0.5), here);
+        gy[i] = slope(density_at(i + 0.5, j + 1.0) - density_at(i + 0.5, j), here);
+      }
+    }
+    const bool disc = out.layout->info().domain == Domain::disc;
+    bool outside[row_texels];
+    for (int i = 0; i < n; ++i) {
+      outside[i] = false;
+      w.total[i] = 1.0f;
+      if (disc || std::abs(gx[i]) + std::abs(gy[i]) <= 2) continue;
+      double sum = 0;  // some weights are cut off at 0
+      for (int m = 0; m < qv.count(); ++m)
+        for (int k = 0; k < qu.count(); ++k) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+      w.total[i] = static_cast<float>(sum);
+    }
+    const auto centred = [&](int i, int k, double offset_y, double& a, double& b) {
+      a = 2 * u_from_texel(tile.x0 + i + qu.offset[static_cast<std::size_t>(k)], face.width(), out.placement) - 1;
+      b = 2 * u_from_texel(tile.y0 + j + offset_y, face.height(), out.placement) - 1;
+    };
+    if (disc) {
+      // Only samples inside the disc count; a texel without any takes the nearest rim's radiance.
+      for (int i = 0; i < n; ++i) {
+        double sum = 0;
+        for (int m = 0; m < qv.count(); ++m)
+          for (int k = 0; k < qu.count(); ++k) {
+            double a, b;
+            centred(i, k, qv.offset[static_cast<std::size_t>(m)], a, b);
+            if (a * a + b * b <= 1) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+          }
+        outside[i] = !(sum > 0);
+        w.total[i] = outside[i] ? 1.0f : static_cast<float>(sum);
+        if (outside[i]) gx[i] = gy[i] = 0;
+      }
+    }
+    const int per_call = std::max(1, most_samples / n);
+    for (int m = 0; m < qv.count(); ++m) {
+      const double offset_y = qv.offset[static_cast<std::size_t>(m)];
+      const float v = static_cast<float>(u_from_texel(tile.y0 + j + offset_y, face.height(), out.placement));
+      for (int k0 = 0; k0 < qu.count(); k0 += per_call) {
+        const int columns = std::min(per_call, qu.count() - k0);
+        const int count = columns * n;
+        int s = 0;
+        for (int k = k0; k < k0 + columns; ++k) {
+          const double offset_x = qu.offset[static_cast<std::size_t>(k)];
+          const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
+          for (int i = 0; i < n; ++i, ++s) {
+            w.u[s] = static_cast<float>(u_from_texel(tile.x0 + i + offset_x, face.width(), out.placement));
+            w.v[s] = v;
+            w.weight[s] = static_cast<float>(q * std::max(0.0, 1 + gx[i] * offset_x + gy[i] * offset_y));
+          }
+          if (!disc) continue;
+          for (int i = 0; i < n; ++i) {
+            double a, b;
+            centred(i, k, offset_y, a, b);
+            const double r = std::sqrt(a * a + b * b);
+            if (r <= 1) continue;
+            const int at = s - n + i;
+            if (!outside[i]) w.weight[at] = 0;
+            w.u[at] = static_cast<float>(0.5 + 0.5 * a / r * (1 - 1e-6));
+            w.v[at] = static_cast<float>(0.5 + 0.5 * b / r * (1 - 1e-6));
+          }
+        }
+        for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
+        const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+        out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+        rotate_directions(matrix_, padded, w.x, w.y, w.z);
+        source.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
+        visit(count);
+      }
+    }
+  }
+
+  static double sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, double gx, double gy) {
+    return qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)] *
+           std::max(0.0, 1 + gx * qu.offset[static_cast<std::size_t>(k)] + gy * qv.offset[static_cast<std::size_t>(m)]);
+  }
+
+  const Quadrature& nodes(int n) {
+    const std::lock_guard lock(quadratures_mutex_);
+    auto& q = quadratures_[n];
+    if (!q) q = std::make_unique<Quadrature>(quadrature(filter_, n));
+    return *q;
+  }
+
+  void first_pass(Source& source, const SourceView& view, Tile& tile, EnvImage& out, int first_channel) {
+    Workspace& w = workspace();
+    const TilePlan tile_plan = plan(source, tile, out);
+    const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
+    Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const int channels = std::min(4, source_.channels.count() - first_channel);
+    Highlights& highlights = source.highlights();
+    std::vector<double> omega;  // of the tile's texels, once a highlight is met
+    for (int j = 0; j < tile.height; ++j) {
+      std::fill_n(w.accumulator, 16 * tile.width, 0.0f);
+      sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
+        read_samples(view, filter_.kernel, count, tile.width, w.face, w.su, w.sv, w.weight, w.scratch, w.accumulator);
+        if (!highlights.any()) return;
+        for (int s = 0; s < count; ++s) {
+          const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
+          const int x = w.scratch.x[s], y = w.scratch.y[s];
+          if (!highlights.reach(f, x, y)) continue;
+          tile.highlights = true;
+          if (omega.empty()) {
+            omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
+            texel_solid_angles(*out.layout, tile.face, {face.width(), face.height()}, out.placement, tile.x0, tile.y0,
+                               tile.width, tile.height, omega.data());
+          }
+          const int i = s % tile.width;
+          const double share = omega[static_cast<std::size_t>(j * tile.width + i)] *
+                               static_cast<double>(w.weight[s] / w.total[i]) * fixed_point;
+          for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
+                                 [&](Highlights::Block& block, int texel, float weight) {
+                                   const float* e = block.excess[texel];
+                                   if (e[0] == 0 && e[1] == 0 && e[2] == 0) return;
+                                   std::atomic_ref<std::uint64_t>(block.received[texel])
+                                       .fetch_add(static_cast<std::uint64_t>(share * static_cast<double>(weight)),
+                                                  std::memory_order_relaxed);
+                                 });
+        }
+      });
+      reduce_accumulators(tile.width, w.accumulator, w.row);
+      float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
+      for (int i = 0; i < tile.width; ++i, to += source_.channels.count())
+        for (int c = 0; c < channels; ++c) {
+          float value = w.row[4 * i + c] / w.total[i];
+          // A limited filter does not go below black where the source never does.
+          if (filter_.limited) value = std::max(value, std::min(source.lowest()[c], 0.0f));
+          to[c] = value;
+        }
+    }
+  }
+
+  void second_pass(Source& source, const SourceView& view, const Tile& tile, EnvImage& out, int first_channel) {
+    Workspace& w = workspace();
+    const TilePlan tile_plan = plan(source, tile, out);
+    const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
+    Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const int channels = std::min(4, source_.channels.count() - first_channel);
+    Highlights& highlights = source.highlights();
+    for (int j = 0; j < tile.height; ++j) {
+      double sum[row_texels][4] = {};
+      sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
+        // For the places only; what is read is not used.
+        read_samples(view, Kernel::bilinear, count, tile.width, w.face, w.su, w.sv, w.weight, w.scratch, w.accumulator);
+        for (int s = 0; s < count; ++s) {
+          const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
+          const int x = w.scratch.x[s], y = w.scratch.y[s];
+          if (!highlights.reach(f, x, y)) continue;
+          double* to = sum[s % tile.width];
+          for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
+                                 [&](const Highlights::Block& block, int texel, float weight) {
+                                   for (int c = 0; c < 4; ++c)
+                                     to[c] += static_cast<double>(w.weight[s] * weight) *
+                                              static_cast<double>(block.excess[texel][c]);
+                                 });
+        }
+      });
+      float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
+      for (int i = 0; i < tile.width; ++i, to += source_.channels.count())
+        for (int c = 0; c < channels; ++c) to[c] += static_cast<float>(sum[i][c] / static_cast<double>(w.total[i]));
+    }
+  }
+
+  const EnvImage& source_;
+  const ResampleOptions& options_;
+  const Filter& filter_;
+  Mat3 source_from_out_;
+  float matrix_[9];
+  std::vector<Tile> tiles_;
+  std::map<int, std::unique_ptr<Quadrature>> quadratures_;
+  std::mutex quadratures_mutex_;
+  std::atomic<bool> stopped_{false};
+  double share_done_ = 0, share_step_ = 1;
+};
+
+}  // namespace
+
+Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options) {
+  if (!source.layout || static_cast<int>(source.faces.size()) != source.layout->face_count() ||
+      source.channels.count() == 0)
+    return Error{ErrorCode::unsupported, "the source has no pixels"};
+  if (!options.layout || options.height < 1) return Error{ErrorCode::usage, "no output layout or size"};
+  const Filter& filter = options.filter ? *options.filter : all_filters().front();
+  try {
+    Resampler resampler(source, options, filter);
+    tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
+    return arena.execute([&] { return resampler.run(); });
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::limit, "not enough memory to resample (about " +
+                                       std::to_string(resample_bytes(source, options) >> 20) + " MiB are needed)"};
+  }
+}
+
+std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options) {
+  const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
+                          static_cast<std::size_t>(source.channels.count()) * sizeof(float);
+  std::size_t padded = 0;
+  for (const Image& face : source.faces)
+    padded +=
+        static_cast<std::size_t>(face.width() + 24) * static_cast<std::size_t>(face.height() + 24) * 4 * sizeof(float);
+  return out + padded + (std::size_t{16} << 20);
+}
+
+}  // namespace envconv

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+// An environment made ready for reading at any direction: faces with aprons, prefiltered, highlights apart.
+//
+// Every face is stored as RGBA with `apron` more texels on every side.  What stands there, and in a face's texels that
+// the layout does not own, is read from across the seams on the sphere: the texel's own direction (the layout's formula
+// goes on beyond its faces), looked up where that direction is owned.  No table of neighbours exists.
+//
+// Highlights.  A kernel with negative lobes rings around a sun.  For filters that ask for it (Filter::limited), each
+// texel is split into min(v, T) and the excess max(v - T, 0), T a few times the mean: the first goes through the
+// kernel, the second is read bilinearly, which cannot ring, and is scaled so that the energy that arrives in the output
+// is exactly the excess's radiance times its texel's solid angle (see resample.cpp).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "filter.h"
+#include "image.h"
+#include "layout.h"
+#include "read_kernels.h"
+
+namespace envconv {
+
+/// Affine maps from (u, v) to padded texel coordinates, and where the face's texels are.
+struct SourceFace {
+  Size size;               ///< the face's own, without apron
+  int pitch = 0;           ///< texels in a padded row
+  int rows = 0;            ///< padded rows
+  std::int32_t first = 0;  ///< index of the padded face's first texel
+  float scale_u = 0, bias_u = 0, scale_v = 0, bias_v = 0;
+  int blocks = 0;  ///< blocks of the highlight map in a row
+  std::int32_t first_block = 0;
+};
+
+/// The excess of highlights over the threshold, in blocks of texels; most blocks are absent.
+struct Highlights {
+  static constexpr int side = 16;  ///< of a block, in padded texels
+  struct Block {
+    float excess[side * side][4];
+    std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
+  };
+  std::vector<std::int32_t> index;  ///< [first_block + by * blocks + bx]: block number, or -1
+  std::vector<std::uint8_t>
+      reachable;  ///< the same: 1 where a bilinear read at a texel of the block may meet an excess
+  std::vector<Block> blocks;
+  /// A texel outside its owner's face that repeats owners' excess: where from.
+  struct Copy {
+    std::int32_t face, x, y;  ///< padded
+    std::int32_t from_face, from_x[4], from_y[4];
+    float weight[4];
+  };
+  std::vector<Copy> copies;
+  /// Directions of highlights on texels so thin that ordinary sampling would miss them.
+  std::vector<Vec3> slivers;
+  bool any() const { return !blocks.empty(); }
+  /// True when a bilinear read at padded texel (x, y) may meet a highlight.
+  bool reach(const SourceFace& face, int x, int y) const {
+    return reachable[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)] != 0;
+  }
+};
+
+/// The radiance times solid angle of a highlight that fell between samples, and where it is (layout's axes).
+struct StrandedEnergy {
+  Vec3 direction;
+  double energy[4];
+};
+
+/// take(block, texel in it, weight) for each of the four texels that a bilinear read at fractions (fx, fy) right of and
+/// below padded texel (x, y) takes, where their blocks exist.
+template <class AnyHighlights, class Take>
+void for_each_highlight_tap(AnyHighlights& highlights, const SourceFace& face, int x, int y, float fx, float fy,
+                            const Take& take) {
+  constexpr int side = Highlights::side;
+  for (int k = 0; k < 4; ++k) {
+    const int xx = x + (k & 1), yy = y + (k >> 1);
+    const std::int32_t index =
+        highlights.index[static_cast<std::size_t>(face.first_block + yy / side * face.blocks + xx / side)];
+    if (index < 0) continue;
+    take(highlights.blocks[static_cast<std::size_t>(index)], yy % side * side + xx % side,
+         (k & 1 ? fx : 1 - fx) * (k >> 1 ? fy : 1 - fy));
+  }
+}
+
+/// Four channels of an environment, ready for reading.
+class Source {
+ public:
+  /// Channels [first_channel, first_channel + 4) of the image; missing ones read 0.
+  Source(const EnvImage& image, int first_channel, const Filter& filter);
+
+  const Layout& layout() const { return *layout_; }
+  const std::vector<SourceFace>& faces() const { return faces_; }
+  const float* texels() const { return texels_.data(); }  ///< RGBA, all padded faces
+  int apron() const { return apron_; }
+  SourceView view() const;
+  Placement placement() const { return placement_; }
+  /// Lowest value of each channel in the image: what a reconstruction must not undercut when it is positive.
+  const float* lowest() const { return lowest_; }
+  Highlights& highlights() { return highlights_; }
+  const Highlights& highlights() const { return highlights_; }
+
+  /// value[4] += the excess read bilinearly at fractions (fx, fy) right of and below padded texel (x, y).
+  void add_highlights(int face, int x, int y, float fx, float fy, float* value) const;
+
+  /// Scales every highlight so that what it gave to the output equals its own energy.  Called once, after all outputs'
+  /// shares were added to Highlights::Block::received.  Returns the energy of those that no sample met.
+  std::vector<StrandedEnergy> conserve_highlights();
+
+ private:
+  // A padded texel that its face does not own, and the place of its direction where it is owned, in padded texels.
+  struct Orphan {
+    std::int32_t face, x, y;
+    std::int32_t from_face;
+    double from_x, from_y;
+  };
+  void copy_texels(const EnvImage& image, int first_channel);
+  void split_highlights();
+  void spread_highlights();
+  void find_orphans(std::vector<Orphan>& orphans) const;
+  void adopt(std::vector<Orphan>& orphans);
+  void copy_highlights(const std::vector<Orphan>& orphans);
+  void repeat_highlights();
+  void prefilter();
+  float* excess_at(int face, int x, int y, bool create);
+  std::uint64_t* received_at(int face, int x, int y);
+
+  const Layout* layout_;
+  Placement placement_;
+  int apron_;
+  std::vector<SourceFace> faces_;
+  Image texels_;
+  float lowest_[4];
+  float threshold_ = 0;
+  Highlights highlights_;
+};
+
+}  // namespace envconv
