@@ -1,0 +1,446 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "recognize.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+namespace envconv {
+
+namespace {
+
+std::string text(Size size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
+std::string text(std::string_view word) { return std::string(word); }
+
+std::string text(double number) {
+  char buffer[32];
+  const std::to_chars_result end = std::to_chars(buffer, buffer + sizeof buffer, number + 0.0);  // no -0
+  return {buffer, end.ptr};
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string all;
+  for (const std::string& word : words) all += (all.empty() ? "" : ", ") + word;
+  return all;
+}
+
+Size size_of(const Picture& picture) { return {picture.image.width(), picture.image.height()}; }
+
+bool is_apart(const Packing& packing) { return packing.name == "files" || packing.name == "parts"; }
+
+// --- what the metadata says -----------------------------------------------------------------------------------------
+
+struct Recorded {
+  const Layout* layout = nullptr;
+  const Packing* packing = nullptr;
+  const Frame* frame = nullptr;
+  Rotation rotation;
+};
+
+bool parse(std::string_view words, Rotation& rotation) {
+  const char *at = words.data(), *end = at + words.size();
+  double* const angles[] = {&rotation.yaw, &rotation.pitch, &rotation.roll};
+  for (int i = 0; i < 3; ++i) {
+    if (i > 0 && (at == end || *at++ != ',')) return false;
+    const std::from_chars_result r = std::from_chars(at, end, *angles[i]);
+    if (r.ec != std::errc() || !std::isfinite(*angles[i])) return false;
+    at = r.ptr;
+  }
+  return at == end;
+}
+
+// Words that this version does not know are reported and otherwise as if they were not there.
+Recorded read_metadata(const Metadata& metadata, std::vector<std::string>& warnings) {
+  Recorded recorded;
+  const auto read = [&](const char* key, auto find, auto& into) {
+    const auto entry = metadata.find(key);
+    if (entry == metadata.end()) return;
+    if (const auto* found = find(entry->second))
+      into = found;
+    else
+      warnings.push_back(text(key) + " is \"" + entry->second + "\", which is unknown: ignored");
+  };
+  read("envconv:layout", find_layout, recorded.layout);
+  read("envconv:packing", find_packing, recorded.packing);
+  read("envconv:frame", find_frame, recorded.frame);
+  if (const auto entry = metadata.find("envconv:rotation"); entry != metadata.end()) {
+    if (Rotation rotation; parse(entry->second, rotation))
+      recorded.rotation = rotation;
+    else
+      warnings.push_back("envconv:rotation is \"" + entry->second + "\", not three angles: ignored");
+  }
+  return recorded;
+}
+
+// --- shapes
+// -----------------------------------------------------------------------------------------------------------
+
+// A way to read one picture.
+struct Fit {
+  const Layout* layout;
+  const Packing* packing;
+  int height;
+};
+
+std::optional<Fit> fit(const Layout& layout, const Packing& packing, Size size) {
+  if (!is_apart(packing)) {
+    const std::optional<int> height = height_from_packed_size(layout, packing, size);
+    return height ? std::optional(Fit{&layout, &packing, *height}) : std::nullopt;
+  }
+  // A layout of one face is one file, or one part.
+  if (layout.face_count() != 1 || size.height < 1 || face_size(layout, 0, size.height) != size) return std::nullopt;
+  return Fit{&layout, &packing, size.height};
+}
+
+// The packings of a layout that make one image, the default first.  Those that put faces in the same places as an
+// earlier one are left out.
+std::vector<const Packing*> distinct_packings(const Layout& layout) {
+  constexpr int height = 16;
+  std::vector<const Packing*> packings{&default_packing(layout)};
+  for (const Packing& packing : all_packings())
+    if (!is_apart(packing) && packs(packing, layout)) packings.push_back(&packing);
+  std::vector<PackedShape> shapes;
+  std::erase_if(packings, [&](const Packing* packing) {
+    const Result<PackedShape> shape = packed_shape(layout, *packing, height);
+    if (!shape) return true;
+    const auto same_cell = [](const Cell& a, const Cell& b) {
+      return a.x == b.x && a.y == b.y && a.quarter_turns == b.quarter_turns;
+    };
+    for (const PackedShape& other : shapes)
+      if (std::ranges::equal(other.cells, shape->cells, same_cell)) return true;
+    shapes.push_back(*shape);
+    return false;
+  });
+  return packings;
+}
+
+std::optional<Fit> fit_any(const Layout& layout, Size size) {
+  for (const Packing* packing : distinct_packings(layout))
+    if (const std::optional<Fit> found = fit(layout, *packing, size)) return found;
+  return std::nullopt;
+}
+
+// "6:1", or "1.843:1" where it is no ratio of small numbers.
+std::string ratio(const Layout& layout, const Packing& packing) {
+  const Result<PackedShape> shape = packed_shape(layout, packing, 10000);
+  if (!shape) return "?";
+  const auto [w, h] = shape->size;
+  const int divisor = std::gcd(w, h);
+  if (w / divisor <= 64 && h / divisor <= 64) return std::to_string(w / divisor) + ":" + std::to_string(h / divisor);
+  return "about " + text(std::round(1000.0 * w / h) / 1000) + ":1";
+}
+
+// "6:1 (row), 1:6 (column), 3:2 (grid, youtube)"
+std::string expected_shapes(const Layout& layout) {
+  std::vector<std::pair<std::string, std::vector<std::string>>> shapes;
+  for (const Packing* packing : distinct_packings(layout)) {
+    const std::string r = ratio(layout, *packing);
+    auto known = std::ranges::find_if(shapes, [&](const auto& shape) { return shape.first == r; });
+    if (known == shapes.end()) known = shapes.insert(shapes.end(), {r, {}});
+    known->second.push_back(text(packing->name));
+  }
+  if (layout.face_count() == 1) return shapes[0].first;
+  std::vector<std::string> words;
+  for (const auto& [r, names] : shapes) words.push_back(r + " (" + joined(names) + ")");
+  return joined(words);
+}
+
+// True when all pixels outside the cells have one and the same value.
+bool unused_cells_are_constant(const Image& image, const PackedShape& shape) {
+  const float* first = nullptr;
+  const int side = shape.cells[0].size.height;  // of the squares that crosses are made of
+  const auto channels = static_cast<std::size_t>(image.channels());
+  for (int y = 0; y < image.height(); ++y)
+    for (int x0 = 0; x0 < image.width(); x0 += side) {
+      const bool is_used = std::ranges::any_of(
+          shape.cells, [&](const Cell& cell) { return cell.x == x0 && y >= cell.y && y < cell.y + side; });
+      if (is_used) continue;
+      if (!first) first = image.at(x0, y);
+      for (int x = x0; x < x0 + side; ++x)
+        for (std::size_t c = 0; c < channels; ++c) {
+          const float a = first[c], b = image.at(x, y)[c];
+          if (a != b && !(std::isnan(a) && std::isnan(b))) return false;
+        }
+    }
+  return true;
+}
+
+// --- one picture
+// --------------------------------------------------------------------------------------------------------
+
+// Shapes that have one usual meaning.
+struct UsualShape {
+  int width, height;  // in faces, or in halves of a panorama
+  const char* layout;
+  const char* packing;
+  enum When { always, when_unused_cells_are_constant, when_packing_is_given } when;
+};
+constexpr UsualShape usual_shapes[] = {
+    {2, 1, "latlong", "row", UsualShape::always},
+    {6, 1, "cube", "row", UsualShape::always},
+    {1, 6, "cube", "column", UsualShape::always},
+    {4, 3, "cube", "cross", UsualShape::when_unused_cells_are_constant},
+    {3, 4, "cube", "vcross", UsualShape::when_unused_cells_are_constant},
+    {3, 2, "equi-angular-cube", "youtube", UsualShape::when_packing_is_given},
+};
+
+Result<Recognition> take(Recognition r, const Fit& found, std::string how) {
+  r.layout = found.layout;
+  r.packing = found.packing;
+  r.height = found.height;
+  r.how = std::move(how);
+  return r;
+}
+
+Result<Recognition> recognize_known(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
+                                    Recognition r) {
+  const Size size = size_of(file.pictures[0]);
+  const bool is_told = hints.layout != nullptr;
+  const Layout& layout = is_told ? *hints.layout : *recorded.layout;
+  const std::string how = is_told ? "as told (" + text(layout.name()) + ")" : "from its metadata (envconv:layout)";
+  const auto misfit = [&](const std::string& expected) {
+    return Error{ErrorCode::input, file.path + ": " + text(size) + " does not fit " + text(layout.name()) +
+                                       (is_told ? "" : ", which its metadata names") + ": expected " + expected +
+                                       (is_told ? "" : " (if it was changed since, say what it is with --from)")};
+  };
+  if (hints.packing) {
+    if (!packs(*hints.packing, layout))
+      return Error{ErrorCode::input, file.path + ": " + packed_shape(layout, *hints.packing, 1).error().message};
+    if (const std::optional<Fit> found = fit(layout, *hints.packing, size)) return take(std::move(r), *found, how);
+    if (is_apart(*hints.packing)) return misfit(ratio(layout, default_packing(layout)));
+    return misfit(ratio(layout, *hints.packing) + " (" + text(hints.packing->name) + ")");
+  }
+  const Packing* packing = recorded.layout == &layout ? recorded.packing : nullptr;
+  if (packing) {
+    if (const std::optional<Fit> found = fit(layout, *packing, size)) return take(std::move(r), *found, how);
+    if (is_apart(*packing) && !is_told && layout.face_count() > 1)
+      return Error{ErrorCode::input, file.path + ": one face of the " + std::to_string(layout.face_count()) + " of " +
+                                         text(layout.name()) + " (give all of them, with {face} in the name)"};
+  }
+  const std::optional<Fit> found = fit_any(layout, size);
+  if (!found) return misfit(expected_shapes(layout));
+  if (packing)
+    r.warnings.push_back("its metadata says packing " + text(packing->name) + ", but its size is that of " +
+                         text(found->packing->name));
+  return take(std::move(r), *found, how);
+}
+
+Result<Recognition> recognize_one(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
+                                  Recognition r) {
+  const Image& image = file.pictures[0].image;
+  const Size size = size_of(file.pictures[0]);
+  if (hints.layout || recorded.layout) return recognize_known(file, hints, recorded, std::move(r));
+  // Of one picture that is said to be stored apart, only the layout is unknown.
+  const Packing* told = hints.packing && !is_apart(*hints.packing) ? hints.packing : nullptr;
+
+  if (const auto entry = file.metadata.find("envmap"); entry != file.metadata.end()) {
+    const bool is_cube = entry->second == "cube";
+    const Layout* layout = find_layout(is_cube ? "openexr-cube" : "latlong-inclusive");
+    if (!is_cube && entry->second != "latlong") {
+      r.warnings.push_back("its envmap attribute is \"" + entry->second + "\", which is unknown: ignored");
+    } else if (const std::optional<Fit> found = fit(*layout, told ? *told : default_packing(*layout), size)) {
+      return take(std::move(r), *found, "from its envmap attribute (" + entry->second + ")");
+    } else {
+      r.warnings.push_back("its envmap attribute says " + entry->second + ", but " + text(size) + " is not " +
+                           ratio(*layout, default_packing(*layout)) + ": ignored");
+    }
+  }
+
+  for (const UsualShape& usual : usual_shapes) {
+    const Layout& layout = *find_layout(usual.layout);
+    const Packing& packing = *find_packing(usual.packing);
+    if (told ? told != &packing : usual.when == UsualShape::when_packing_is_given) continue;
+    const std::optional<Fit> found = fit(layout, packing, size);
+    if (!found) continue;
+    std::string how = std::to_string(usual.width) + ":" + std::to_string(usual.height) + " is " + text(layout.name());
+    if (layout.face_count() > 1) how += " in a " + text(packing.name);
+    if (!told && usual.when == UsualShape::when_unused_cells_are_constant) {
+      if (image.empty())
+        how += ", presumably: pixels were not read";
+      else if (!unused_cells_are_constant(image, *packed_shape(layout, packing, found->height)))
+        continue;
+      else
+        how += ", unused cells empty";
+    }
+    return take(std::move(r), *found, std::move(how));
+  }
+
+  std::vector<Fit> fits;
+  std::vector<std::string> names;
+  for (const Layout& layout : all_layouts())
+    for (const Packing* packing : distinct_packings(layout)) {
+      if (told && told != packing) continue;
+      const std::optional<Fit> found = fit(layout, *packing, size);
+      if (!found) continue;
+      fits.push_back(*found);
+      const bool is_default = packing == &default_packing(layout);
+      names.push_back(text(layout.name()) + (is_default ? "" : " (" + text(packing->name) + ")"));
+    }
+  if (fits.size() == 1) return take(std::move(r), fits[0], text(size) + " can be nothing but " + names[0]);
+  std::string because;
+  for (const std::string& warning : r.warnings) because += "; " + warning;
+  if (fits.empty())
+    return Error{ErrorCode::input, file.path + ": " + text(size) + " is the shape of no layout" +
+                                       (told ? " in packing " + text(told->name) : "") + because +
+                                       " (a panorama is 2:1; envconv layouts lists all shapes)"};
+  return Error{ErrorCode::input, file.path + ": " + text(size) + " could be any of " + joined(names) + because +
+                                     " (say which with --from)"};
+}
+
+// --- a picture for every face
+// ---------------------------------------------------------------------------------------------
+
+// For every face the picture that has its name; empty when names do not match one to one.
+std::vector<std::size_t> order_by_name(const Layout& layout, const std::vector<Picture>& pictures) {
+  std::vector<std::size_t> order;
+  if (pictures.size() != layout.info().faces.size()) return order;
+  for (const Face& face : layout.info().faces) {
+    const auto found =
+        std::ranges::find(pictures, face.name, [](const Picture& p) -> std::string_view { return p.name; });
+    if (found == pictures.end()) return {};
+    order.push_back(static_cast<std::size_t>(found - pictures.begin()));
+  }
+  return order;
+}
+
+// By name, or as they come.
+std::vector<std::size_t> order_of(const Layout& layout, const std::vector<Picture>& pictures) {
+  std::vector<std::size_t> order = order_by_name(layout, pictures);
+  if (order.empty()) {
+    order.resize(pictures.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+  }
+  return order;
+}
+
+// The first picture that is not of the size its face should have, in words; "" when all are.
+std::string wrong_face(const Layout& layout, const std::vector<Picture>& pictures) {
+  const std::vector<std::size_t> order = order_of(layout, pictures);
+  const int height = pictures[order[0]].image.height();
+  if (height < 1) return "its first face is empty";
+  for (int f = 0; f < layout.face_count(); ++f) {
+    const Size size = size_of(pictures[order[static_cast<std::size_t>(f)]]), expected = face_size(layout, f, height);
+    if (size != expected)
+      return "face " + text(layout.info().faces[static_cast<std::size_t>(f)].name) + " of " + text(layout.name()) +
+             " is " + text(size) + ", expected " + text(expected);
+  }
+  return "";
+}
+
+Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
+                                    Recognition r) {
+  const std::vector<Picture>& pictures = file.pictures;
+  const std::string holds =
+      file.path + ": holds " + std::to_string(pictures.size()) + (pictures.size() == 1 ? " picture" : " pictures");
+  if (hints.packing && !is_apart(*hints.packing))
+    return Error{ErrorCode::input, holds + ", not one in packing " + text(hints.packing->name)};
+
+  if (hints.layout) {
+    r.layout = hints.layout;
+    r.how = "as told (" + text(r.layout->name()) + ")";
+  } else if (recorded.layout) {
+    r.layout = recorded.layout;
+    r.how = "from its metadata (envconv:layout)";
+  } else {
+    std::vector<const Layout*> named;
+    std::vector<std::string> names;
+    for (const Layout& layout : all_layouts())
+      if (!order_by_name(layout, pictures).empty() && wrong_face(layout, pictures).empty()) {
+        named.push_back(&layout);
+        names.push_back(text(layout.name()));
+      }
+    // The cube's face names are everybody's; of other families no member is the usual one.
+    const Layout* cube = find_layout("cube");
+    if (named.size() == 1 || std::ranges::find(named, cube) != named.end()) {
+      r.layout = named.size() == 1 ? named[0] : cube;
+      r.how = "from the names of its pictures (" + text(r.layout->info().faces[0].name) + " ...)";
+    } else if (named.size() > 1) {
+      return Error{ErrorCode::input, holds + " with the face names of " + joined(names) + " (say which with --from)"};
+    } else if (pictures.size() == 6) {
+      r.layout = cube;
+      r.how = "six pictures are the faces of a cube";
+    } else {
+      return Error{ErrorCode::input, holds + ", which are no layout's faces by name (say which layout with --from)"};
+    }
+  }
+  if (pictures.size() != r.layout->info().faces.size())
+    return Error{ErrorCode::input, holds + ", where " + text(r.layout->name()) + " has " +
+                                       std::to_string(r.layout->face_count()) +
+                                       (r.layout->face_count() == 1 ? " face" : " faces")};
+  if (const std::string wrong = wrong_face(*r.layout, pictures); !wrong.empty())
+    return Error{ErrorCode::input, file.path + ": " + wrong};
+  if (order_by_name(*r.layout, pictures).empty() &&
+      std::ranges::any_of(pictures, [](const Picture& p) { return !p.name.empty(); }))
+    r.warnings.push_back("its pictures do not have the names of the faces of " + text(r.layout->name()) +
+                         ": taken in the order in which they come");
+  r.height = pictures[order_of(*r.layout, pictures)[0]].image.height();
+  if (hints.packing)
+    r.packing = hints.packing;
+  else
+    r.packing = find_packing(file.format == "openexr" ? "parts" : "files");
+  return r;
+}
+
+}  // namespace
+
+Result<Recognition> recognize(const PictureFile& file, const InputHints& hints) {
+  if (file.pictures.empty()) return Error{ErrorCode::input, file.path + ": holds no picture"};
+  Recognition r;
+  const Recorded recorded = read_metadata(file.metadata, r.warnings);
+  r.frame = hints.frame ? hints.frame : recorded.frame ? recorded.frame : find_frame("world");
+  r.rotation = recorded.rotation;
+  const Layout* known = hints.layout ? hints.layout : recorded.layout;
+  const bool wants_faces = hints.packing && is_apart(*hints.packing) && known && known->face_count() > 1;
+  if (file.pictures.size() > 1 || wants_faces) return recognize_faces(file, hints, recorded, std::move(r));
+  return recognize_one(file, hints, recorded, std::move(r));
+}
+
+Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition) {
+  const Layout* layout = recognition.layout;
+  if (!layout || !recognition.packing || !recognition.frame || file.pictures.empty())
+    return Error{ErrorCode::usage, file.path + ": was not recognised"};
+  const Channels& channels = file.pictures[0].channels;
+  for (const Picture& picture : file.pictures) {
+    if (picture.image.empty()) return Error{ErrorCode::usage, file.path + ": its pixels were not read"};
+    if (picture.channels != channels || picture.image.channels() != channels.count())
+      return Error{ErrorCode::input, file.path + ": its pictures differ in channels"};
+  }
+
+  EnvImage environment;
+  environment.layout = layout;
+  environment.placement = layout->info().placement;
+  environment.consumer_from_world = recognition.frame->consumer_from_world;
+  environment.channels = channels;
+  if (!is_apart(*recognition.packing) && file.pictures.size() == 1) {
+    Result<std::vector<Image>> faces = unpack(*layout, *recognition.packing, std::move(file.pictures[0].image));
+    if (!faces) return Error{faces.error().code, file.path + ": " + faces.error().message};
+    environment.faces = std::move(*faces);
+    return environment;
+  }
+  if (file.pictures.size() != layout->info().faces.size())
+    return Error{ErrorCode::input, file.path + ": is not one picture for each face of " + text(layout->name())};
+  if (const std::string wrong = wrong_face(*layout, file.pictures); !wrong.empty())
+    return Error{ErrorCode::input, file.path + ": " + wrong};
+  for (const std::size_t i : order_of(*layout, file.pictures))
+    environment.faces.push_back(std::move(file.pictures[i].image));
+  return environment;
+}
+
+Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation) {
+  Metadata metadata{{"envconv:layout", text(layout.name())},
+                    {"envconv:packing", text(packing.name)},
+                    {"envconv:frame", text(frame.name)},
+                    {"envconv:rotation", text(rotation.yaw) + "," + text(rotation.pitch) + "," + text(rotation.roll)}};
+  // These two layouts are OpenEXR's own pictures as they stand; another frame would turn or mirror them.
+  if (frame.name == "world") {
+    if (layout.name() == "latlong-inclusive") metadata["envmap"] = "latlong";
+    if (layout.name() == "openexr-cube" && packing.name == "column") metadata["envmap"] = "cube";
+  }
+  return metadata;
+}
+
+}  // namespace envconv
