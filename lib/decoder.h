@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a decoder tells of a file before it makes any pixel.  Internal: not installed.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "io.h"
+
+namespace envconv {
+
+/// How stored values become linear.
+enum class Transfer { linear, srgb, gamma };
+
+/// A picture of a file, as the decoder will deliver it.
+struct PictureSpec {
+  std::string name;
+  int width = 0, height = 0;  ///< texels
+  Channels channels;
+  PixelType type = PixelType::float32;     ///< as stored in the file
+  PixelType element = PixelType::float32;  ///< as decode() delivers it
+};
+
+/// A file, as the decoder understands it.
+struct FileSpec {
+  std::string compression;
+  Transfer transfer = Transfer::linear;
+  float gamma = 1;            ///< of Transfer::gamma
+  bool unassociated = false;  ///< colour is not multiplied by alpha
+  int orientation = 1;        ///< Exif's: 1 upright ... 8; the picture is turned after decoding
+  int levels = 1;
+  std::vector<PictureSpec> pictures;
+  Metadata metadata;
+  std::vector<std::string> warnings;
+};
+
+/// Limits against which names and counts are held, in a decoder and again on the other side of a process boundary.
+constexpr int kMaxChannels = 64;
+constexpr int kMaxPictures = 64;
+
+/// An open file.  Errors carry no path: the caller knows it.  Throws nothing.
+class Decoder {
+ public:
+  virtual ~Decoder() = default;
+  virtual const FileSpec& spec() const = 0;
+  /// Delivers all pixels of a picture, [height][width][channels] elements, to memory that is zero.
+  virtual Result<Ok> decode(int picture, void* pixels) = 0;
+};
+
+/// What a decoder needs to know.
+struct DecoderOptions {
+  std::int64_t max_pixels = 0;
+  int threads = 1;
+};
+
+/// Bytes of an element.
+inline std::size_t size_of(PixelType type) {
+  switch (type) {
+    case PixelType::uint8: return 1;
+    case PixelType::half:
+    case PixelType::uint16: return 2;
+    default: return 4;
+  }
+}
+
+/// The error of a picture that claims more than the limit.
+Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limit);
+
+/// Opens a regular file of a format that was recognised by its first bytes.  The descriptor must outlive the decoder.
+Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options);
+
+}  // namespace envconv

@@ -1,0 +1,651 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "exr.h"
+
+#include <ImfChannelList.h>
+#include <ImfEnvmap.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfIO.h>
+#include <ImfInputPart.h>
+#include <ImfMultiPartInputFile.h>
+#include <ImfMultiPartOutputFile.h>
+#include <ImfOutputFile.h>
+#include <ImfOutputPart.h>
+#include <ImfPartType.h>
+#include <ImfStandardAttributes.h>
+#include <ImfStringAttribute.h>
+#include <ImfThreading.h>
+#include <ImfTiledInputPart.h>
+#include <half.h>
+#include <sys/stat.h>
+#include <tbb/parallel_for.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <set>
+
+namespace envconv {
+namespace {
+
+constexpr char kStreamName[] = "the file";
+
+Error bad_input(std::string what) { return {ErrorCode::input, std::move(what)}; }
+
+// OpenEXR's messages begin with what it was doing, to which file, and end with the reason.
+std::string reason(const std::exception& error) {
+  std::string text = error.what();
+  const std::string name = std::string("\"") + kStreamName + "\". ";
+  const std::size_t at = text.rfind(name);
+  if (at != std::string::npos) text = text.substr(at + name.size());
+  while (!text.empty() && (text.back() == '.' || text.back() == '\n' || text.back() == ' ')) text.pop_back();
+  if (!text.empty()) text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));
+  return text;
+}
+
+Error damaged(const std::exception& error) { return bad_input("truncated or damaged: " + reason(error)); }
+
+class FileStream final : public Imf::IStream {
+ public:
+  FileStream(int fd, std::uint64_t size) : IStream(kStreamName), fd_(fd), size_(size), buffer_(kBuffer) {}
+
+  bool read(char* c, int n) override {
+    if (n < 0) throw Iex::InputExc("negative size");
+    auto left = static_cast<std::size_t>(n);
+    if (left > size_ - std::min(position_, size_)) throw Iex::InputExc("unexpected end of file");
+    while (left > 0) {
+      if (position_ >= start_ && position_ < start_ + filled_) {
+        const std::size_t offset = static_cast<std::size_t>(position_ - start_);
+        const std::size_t part = std::min(left, filled_ - offset);
+        std::memcpy(c, buffer_.data() + offset, part);
+        c += part;
+        left -= part;
+        position_ += part;
+      } else if (left >= kBuffer) {
+        const std::size_t part = fetch(c, left);
+        c += part;
+        left -= part;
+        position_ += part;
+      } else {
+        filled_ = 0;
+        start_ = position_;
+        filled_ = fetch(buffer_.data(), kBuffer);
+      }
+    }
+    return position_ < size_;
+  }
+  std::uint64_t tellg() override { return position_; }
+  void seekg(std::uint64_t position) override { position_ = position; }
+
+ private:
+  static constexpr std::size_t kBuffer = 16384;
+
+  std::size_t fetch(char* to, std::size_t count) {
+    for (;;) {
+      const ssize_t n = ::pread(fd_, to, count, static_cast<off_t>(position_));
+      if (n > 0) return static_cast<std::size_t>(n);
+      if (n == 0) throw Iex::InputExc("unexpected end of file");
+      if (errno != EINTR) throw Iex::InputExc(std::string("cannot be read: ") + std::strerror(errno));
+    }
+  }
+
+  int fd_;
+  std::uint64_t size_, position_ = 0, start_ = 0;
+  std::size_t filled_ = 0;
+  std::vector<char> buffer_;
+};
+
+class OutputStream final : public Imf::OStream {
+ public:
+  explicit OutputStream(OutputFile& file) : OStream(kStreamName), file_(file) {}
+  void write(const char c[], int n) override { file_.write(c, static_cast<std::size_t>(std::max(n, 0))); }
+  std::uint64_t tellp() override { return file_.tell(); }
+  void seekp(std::uint64_t position) override { file_.seek(position); }
+
+ private:
+  OutputFile& file_;
+};
+
+struct CompressionName {
+  const char* name;
+  Imf::Compression value;
+};
+constexpr CompressionName kCompressions[] = {
+    {"none", Imf::NO_COMPRESSION},   {"rle", Imf::RLE_COMPRESSION},   {"zip", Imf::ZIP_COMPRESSION},
+    {"zips", Imf::ZIPS_COMPRESSION}, {"piz", Imf::PIZ_COMPRESSION},   {"pxr24", Imf::PXR24_COMPRESSION},
+    {"b44", Imf::B44_COMPRESSION},   {"b44a", Imf::B44A_COMPRESSION}, {"dwaa", Imf::DWAA_COMPRESSION},
+    {"dwab", Imf::DWAB_COMPRESSION},
+};
+
+PixelType type_of(Imf::PixelType type) {
+  switch (type) {
+    case Imf::HALF: return PixelType::half;
+    case Imf::UINT: return PixelType::uint32;
+    default: return PixelType::float32;
+  }
+}
+
+// "R" for "R", "r", "red"; "" for what is no colour.
+std::string colour_of(const std::string& name) {
+  std::string lower;
+  for (const char c : name) lower += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  for (const auto& [full, brief] : {std::pair{"red", "R"}, {"green", "G"}, {"blue", "B"}, {"alpha", "A"}}) {
+    if (lower == full || (lower.size() == 1 && lower[0] == full[0])) return brief;
+  }
+  return lower == "y" ? "Y" : "";
+}
+
+struct Pick {
+  std::vector<std::string> stored;  // names in the file
+  Channels channels;                // what they mean
+  std::vector<std::string> left_out;
+};
+
+// The channels that are the picture: RGB(A) of the base layer, else Y(A) alone, else RGB(A) of the first layer that has
+// it, else everything in the file's order.
+Result<Pick> pick_channels(const Imf::ChannelList& list) {
+  std::vector<std::string> all;
+  std::vector<std::string> layers{""};
+  for (auto it = list.begin(); it != list.end(); ++it) {
+    const std::string name = it.name();
+    all.push_back(name);
+    const std::size_t dot = name.rfind('.');
+    if (dot != std::string::npos) {
+      const std::string layer = name.substr(0, dot + 1);
+      if (std::find(layers.begin(), layers.end(), layer) == layers.end()) layers.push_back(layer);
+    }
+  }
+  if (all.empty()) return bad_input("has no channels");
+  const bool chroma = list.findChannel("RY") && list.findChannel("BY");
+  if (chroma && list.findChannel("Y")) {
+    return bad_input(
+        "stored as luminance and subsampled chroma (Y, RY, BY), which is not supported (convert it to RGB)");
+  }
+  Pick pick;
+  const auto take = [&](const std::string& layer, const std::vector<std::string>& wanted) {
+    Pick found;
+    for (const std::string& colour : wanted) {
+      for (const std::string& name : all) {
+        if (name.size() > layer.size() && name.compare(0, layer.size(), layer) == 0 &&
+            name.find('.', layer.size()) == std::string::npos && colour_of(name.substr(layer.size())) == colour) {
+          found.stored.push_back(name);
+          found.channels.names.push_back(colour);
+          break;
+        }
+      }
+      if (found.channels.names.empty() || found.channels.names.back() != colour) {
+        if (colour != "A") return false;
+      }
+    }
+    pick = found;
+    return true;
+  };
+  bool found = false;
+  for (const std::string& layer : layers) {
+    if ((found = take(layer, {"R", "G", "B", "A"}))) break;
+  }
+  if (!found) {
+    found = take("", {"Y", "A"}) && pick.stored.size() == all.size();
+    if (!found) {
+      pick = {};
+      pick.stored = pick.channels.names = all;
+    }
+  }
+  for (const std::string& name : all) {
+    if (std::find(pick.stored.begin(), pick.stored.end(), name) == pick.stored.end()) pick.left_out.push_back(name);
+  }
+  for (std::size_t i = 0; i < pick.channels.names.size(); ++i) {
+    if (pick.channels.names[i] == "A") pick.channels.alpha = static_cast<int>(i);
+  }
+  if (pick.channels.count() > kMaxChannels) {
+    return bad_input("has " + std::to_string(all.size()) + " channels (at most " + std::to_string(kMaxChannels) +
+                     " can be read)");
+  }
+  for (const std::string& name : pick.stored) {
+    const Imf::Channel& channel = list[name.c_str()];
+    if (channel.xSampling != 1 || channel.ySampling != 1) {
+      return bad_input("channel " + name + " is subsampled, which is not supported (convert it to RGB)");
+    }
+  }
+  return pick;
+}
+
+struct Window {
+  std::int64_t x0, y0, x1, y1;  // inclusive
+  explicit Window(const Imath::Box2i& box) : x0(box.min.x), y0(box.min.y), x1(box.max.x), y1(box.max.y) {}
+  std::int64_t width() const { return x1 - x0 + 1; }
+  std::int64_t height() const { return y1 - y0 + 1; }
+  std::string text() const {
+    return std::to_string(width()) + "x" + std::to_string(height()) + " at (" + std::to_string(x0) + ", " +
+           std::to_string(y0) + ")";
+  }
+};
+
+int level_count(const Imf::TileDescription& tiles, std::int64_t width, std::int64_t height) {
+  if (tiles.mode == Imf::ONE_LEVEL) return 1;
+  const auto size = static_cast<std::uint64_t>(std::max(width, height));
+  const int down = std::bit_width(size) - 1;
+  return 1 + down + (tiles.roundingMode == Imf::ROUND_UP && !std::has_single_bit(size) ? 1 : 0);
+}
+
+class ExrDecoder final : public Decoder {
+ public:
+  ExrDecoder(int fd, std::uint64_t size) : stream_(fd, size), size_(size) {}
+
+  Result<Ok> open(const DecoderOptions& options) {
+    threads_ = options.threads;
+    try {
+      file_ = std::make_unique<Imf::MultiPartInputFile>(stream_, threads_, false);
+      const int parts = file_->parts();
+      if (parts < 1) return bad_input("has no parts");
+      if (parts > kMaxPictures) {
+        return bad_input("has " + std::to_string(parts) + " parts (at most " + std::to_string(kMaxPictures) +
+                         " can be read)");
+      }
+      for (int part = 0; part < parts; ++part) ENVCONV_CHECK(add(part, options));
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::limit, "not enough memory to open it"};
+    } catch (const std::exception& error) {
+      return damaged(error);
+    }
+    return Ok{};
+  }
+
+  const FileSpec& spec() const override { return spec_; }
+
+  Result<Ok> decode(int picture, void* pixels) override {
+    const Part& part = parts_[static_cast<std::size_t>(picture)];
+    const PictureSpec& target = spec_.pictures[static_cast<std::size_t>(picture)];
+    try {
+      if (!file_->partComplete(picture)) return bad_input("truncated or damaged: it was never finished");
+      auto* base = static_cast<float*>(pixels);
+      const auto channels = static_cast<std::size_t>(target.channels.count());
+      if (part.data.width() == target.width) {
+        // The data window has the picture's columns: straight into place.
+        const std::int64_t top = part.origin_y, bottom = part.origin_y + target.height - 1;
+        const Imf::FrameBuffer frame =
+            frame_buffer(part, base, part.origin_x, top, static_cast<std::size_t>(target.width), channels);
+        if (part.tiled && part.data.height() == target.height) {
+          Imf::TiledInputPart tiles(*file_, picture);
+          tiles.setFrameBuffer(frame);
+          tiles.readTiles(0, tiles.numXTiles() - 1, 0, tiles.numYTiles() - 1, 0);
+        } else {
+          Imf::InputPart lines(*file_, picture);
+          lines.setFrameBuffer(frame);
+          lines.readPixels(static_cast<int>(top), static_cast<int>(bottom));
+        }
+        return Ok{};
+      }
+      // Wider than the picture: bands of whole lines, of which the middle is kept.
+      Imf::InputPart lines(*file_, picture);
+      const auto width = static_cast<std::size_t>(part.data.width());
+      constexpr int kBand = 64;
+      std::vector<float> band(width * channels * kBand);
+      for (int y = 0; y < target.height; y += kBand) {
+        const int rows = std::min(kBand, target.height - y);
+        std::fill(band.begin(), band.end(), 0.f);
+        const std::int64_t top = part.origin_y + y;
+        lines.setFrameBuffer(frame_buffer(part, band.data(), part.data.x0, top, width, channels));
+        lines.readPixels(static_cast<int>(top), static_cast<int>(top + rows - 1));
+        const std::size_t row_values = static_cast<std::size_t>(target.width) * channels;
+        for (int row = 0; row < rows; ++row) {
+          const float* from = band.data() + (static_cast<std::size_t>(row) * width +
+                                             static_cast<std::size_t>(part.origin_x - part.data.x0)) *
+                                                channels;
+          std::copy_n(from, row_values, base + static_cast<std::size_t>(y + row) * row_values);
+        }
+      }
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::limit, "not enough memory to decode it"};
+    } catch (const std::exception& error) {
+      return damaged(error);
+    }
+    return Ok{};
+  }
+
+ private:
+  struct Part {
+    Window data;
+    std::vector<std::string> stored;
+    bool tiled;
+    std::int64_t origin_x, origin_y;  // of the picture, in the data window's coordinates
+  };
+
+  static Imf::FrameBuffer frame_buffer(const Part& part, float* base, std::int64_t x0, std::int64_t y0,
+                                       std::size_t width, std::size_t channels) {
+    Imf::FrameBuffer frame;
+    const std::size_t x_stride = channels * sizeof(float), y_stride = width * x_stride;
+    // OpenEXR adds coordinates times strides, modulo 2^64: the same arithmetic takes the origin off again.
+    const std::uint64_t origin = static_cast<std::uint64_t>(x0) * x_stride + static_cast<std::uint64_t>(y0) * y_stride;
+    for (std::size_t c = 0; c < part.stored.size(); ++c) {
+      char* slice = reinterpret_cast<char*>(reinterpret_cast<std::uintptr_t>(base + c) - origin);
+      frame.insert(part.stored[c], Imf::Slice(Imf::FLOAT, slice, x_stride, y_stride));
+    }
+    return frame;
+  }
+
+  Result<Ok> add(int index, const DecoderOptions& options) {
+    const Imf::Header& header = file_->header(index);
+    if (header.hasType() && Imf::isDeepData(header.type())) return bad_input("deep images are not environment maps");
+    const Window data(header.dataWindow()), display(header.displayWindow());
+    if (data.width() < 1 || data.height() < 1) return bad_input("an empty image");
+    PictureSpec picture;
+    Part part{data, {}, header.hasTileDescription(), data.x0, data.y0};
+    std::int64_t width = data.width(), height = data.height();
+    const bool same_size = width == display.width() && height == display.height();
+    const bool ours = header.find("envconv:layout") != header.end();
+    const bool contains =
+        data.x0 <= display.x0 && data.y0 <= display.y0 && data.x1 >= display.x1 && data.y1 >= display.y1;
+    // The parts of a file must share one display window, so faces of several sizes do not fill theirs.
+    if (!same_size && !(ours && file_->parts() > 1)) {
+      if (!contains || display.width() < 1 || display.height() < 1) {
+        return bad_input("the data window (" + data.text() + ") does not cover the display window (" + display.text() +
+                         "): part of the environment is missing");
+      }
+      width = display.width();
+      height = display.height();
+      part.origin_x = display.x0;
+      part.origin_y = display.y0;
+      spec_.warnings.push_back("overscan cropped: the data window is " + data.text() + ", the display window " +
+                               display.text());
+    }
+    if (width > std::numeric_limits<int>::max() || height > std::numeric_limits<int>::max() ||
+        width > options.max_pixels / height || data.width() > options.max_pixels / height) {
+      return too_many_pixels(std::max(width, data.width()), height, options.max_pixels);
+    }
+    ENVCONV_TRY(Pick pick, pick_channels(header.channels()));
+    if (part.tiled) {
+      const Imf::TileDescription& tiles = header.tileDescription();
+      const auto limit =
+          std::max<std::uint64_t>(std::uint64_t{1} << 24, static_cast<std::uint64_t>(width * height) * 4);
+      if (tiles.xSize == 0 || tiles.ySize > limit / tiles.xSize) {
+        return bad_input("truncated or damaged: it claims tiles of " + std::to_string(tiles.xSize) + "x" +
+                         std::to_string(tiles.ySize) + " texels");
+      }
+      if (index == 0) spec_.levels = level_count(tiles, data.width(), data.height());
+    }
+    if (!pick.left_out.empty()) {
+      std::string list;
+      std::size_t shown = 0;
+      for (const std::string& name : pick.left_out) {
+        if (++shown > 8) {
+          list += " and " + std::to_string(pick.left_out.size() - 8) + " more";
+          break;
+        }
+        list += (list.empty() ? "" : ", ") + name.substr(0, 64);
+      }
+      spec_.warnings.push_back("channels left out: " + list);
+    }
+    picture.name = header.hasName() ? header.name() : "";
+    picture.width = static_cast<int>(width);
+    picture.height = static_cast<int>(height);
+    picture.channels = pick.channels;
+    picture.type = type_of(header.channels()[pick.stored.front().c_str()].type);
+    part.stored = pick.stored;
+    if (index == 0) {
+      for (const CompressionName& compression : kCompressions) {
+        if (compression.value == header.compression()) spec_.compression = compression.name;
+      }
+      for (auto it = header.begin(); it != header.end(); ++it) {
+        const auto* text = dynamic_cast<const Imf::StringAttribute*>(&it.attribute());
+        if (text && std::strncmp(it.name(), "envconv:", 8) == 0) spec_.metadata[it.name()] = text->value();
+      }
+      if (const auto* envmap = header.findTypedAttribute<Imf::EnvmapAttribute>("envmap")) {
+        switch (envmap->value()) {
+          case Imf::ENVMAP_LATLONG: spec_.metadata["envmap"] = "latlong"; break;
+          case Imf::ENVMAP_CUBE: spec_.metadata["envmap"] = "cube"; break;
+          default:
+            // The layout may still be said by other means; whoever recognises it decides.
+            spec_.metadata["envmap"] = "unknown " + std::to_string(static_cast<int>(envmap->value()));
+        }
+      }
+    }
+    spec_.pictures.push_back(std::move(picture));
+    parts_.push_back(std::move(part));
+    return Ok{};
+  }
+
+  FileStream stream_;
+  std::uint64_t size_;
+  int threads_ = 0;
+  std::unique_ptr<Imf::MultiPartInputFile> file_;
+  FileSpec spec_;
+  std::vector<Part> parts_;
+};
+
+struct Compression {
+  Imf::Compression value = Imf::ZIP_COMPRESSION;
+  bool has_level = false;
+  float level = 0;
+};
+
+Result<Compression> parse_compression(const std::string& text) {
+  Compression result;
+  if (text.empty()) return result;
+  const std::size_t colon = text.find(':');
+  const std::string name = text.substr(0, colon);
+  bool known = false;
+  for (const CompressionName& entry : kCompressions) {
+    if (name == entry.name) {
+      result.value = entry.value;
+      known = true;
+    }
+  }
+  const bool dwa = result.value == Imf::DWAA_COMPRESSION || result.value == Imf::DWAB_COMPRESSION;
+  const bool zip = result.value == Imf::ZIP_COMPRESSION || result.value == Imf::ZIPS_COMPRESSION;
+  if (known && colon != std::string::npos) {
+    const char* end = text.data() + text.size();
+    const auto parsed = std::from_chars(text.data() + colon + 1, end, result.level);
+    known = parsed.ec == std::errc() && parsed.ptr == end &&
+            ((dwa && result.level >= 0 && result.level <= 1e6f) || (zip && result.level >= 1 && result.level <= 9));
+    result.has_level = true;
+  }
+  if (!known) {
+    return Error{ErrorCode::unsupported, "OpenEXR has no compression \"" + printable(text) +
+                                             "\" (none rle zip[:1-9] zips[:1-9] piz pxr24 b44 b44a dwaa[:level] "
+                                             "dwab[:level])"};
+  }
+  return result;
+}
+
+struct Counts {
+  std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
+};
+
+// One value; counters are the caller's.
+Imath::half to_half(float v, std::int64_t& high, std::int64_t& nonfinite) {
+  constexpr float kMax = 65504.f;
+  if (!(std::abs(v) <= kMax)) {
+    if (std::isnan(v)) {
+      ++nonfinite;
+      return Imath::half(0.f);
+    }
+    ++(std::isinf(v) ? nonfinite : high);
+    return Imath::half(std::copysign(kMax, v));
+  }
+  return Imath::half(v);
+}
+
+std::uint32_t to_uint32(float v, std::int64_t& high, std::int64_t& negative, std::int64_t& nonfinite) {
+  constexpr std::uint32_t kMax = std::numeric_limits<std::uint32_t>::max();
+  if (std::isnan(v)) {
+    ++nonfinite;
+    return 0;
+  }
+  if (v < 0) {
+    ++(std::isinf(v) ? nonfinite : negative);
+    return 0;
+  }
+  if (v >= 4294967296.f) {
+    ++(std::isinf(v) ? nonfinite : high);
+    return kMax;
+  }
+  return static_cast<std::uint32_t>(std::min(std::rint(static_cast<double>(v)), static_cast<double>(kMax)));
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Decoder>> open_exr(int fd, const DecoderOptions& options) {
+  struct stat info {};
+  if (::fstat(fd, &info) != 0) return bad_input(std::strerror(errno));
+  auto decoder = std::make_unique<ExrDecoder>(fd, static_cast<std::uint64_t>(info.st_size));
+  ENVCONV_CHECK(decoder->open(options));
+  return std::unique_ptr<Decoder>(std::move(decoder));
+}
+
+Result<Ok> check_exr_compression(const std::string& compression) {
+  ENVCONV_CHECK(parse_compression(compression));
+  return Ok{};
+}
+
+bool exr_compression_is_lossy(const std::string& compression, PixelType type) {
+  const std::string name = compression.substr(0, compression.find(':'));
+  if (name == "pxr24") return type == PixelType::float32;
+  return name == "b44" || name == "b44a" || name == "dwaa" || name == "dwab";
+}
+
+void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to) {
+  std::int64_t ignored = 0;
+  for (std::size_t i = 0; i < count; ++i) to[i] = to_half(from[i], ignored, ignored).bits();
+}
+
+int exr_pool_threads() { return Imf::globalThreadCount(); }
+
+void set_exr_pool_threads(int count) {
+  // The pool is the process's: it only grows here, so that files written at the same time keep what they started with.
+  static std::mutex mutex;
+  const std::lock_guard lock(mutex);
+  if (count > Imf::globalThreadCount() || count == 0) Imf::setGlobalThreadCount(count);
+}
+
+Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
+                     WriteReport& report) {
+  ENVCONV_TRY(const Compression compression, parse_compression(options.compression));
+  const Imf::PixelType type = report.type == PixelType::half     ? Imf::HALF
+                              : report.type == PixelType::uint32 ? Imf::UINT
+                                                                 : Imf::FLOAT;
+  const std::size_t element = type == Imf::HALF ? 2 : 4;
+  try {
+    int width = 1, height = 1;
+    for (const Picture& picture : pictures) {
+      width = std::max(width, picture.image.width());
+      height = std::max(height, picture.image.height());
+    }
+    std::vector<Imf::Header> headers;
+    std::set<std::string> names;
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      const Picture& picture = pictures[i];
+      // All parts of a file share a display window.
+      Imf::Header header(width, height);
+      header.dataWindow() = Imath::Box2i({0, 0}, {picture.image.width() - 1, picture.image.height() - 1});
+      header.compression() = compression.value;
+      if (compression.has_level) {
+        const bool dwa = compression.value == Imf::DWAA_COMPRESSION || compression.value == Imf::DWAB_COMPRESSION;
+        // DWA deflates too: its level must not become zlib's.
+        if (dwa) {
+          header.dwaCompressionLevel() = compression.level;
+        } else {
+          header.zipCompressionLevel() = static_cast<int>(compression.level);
+        }
+      }
+      for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
+      for (const auto& [name, value] : options.metadata) {
+        if (name == "envmap") {
+          Imf::addEnvmap(header, value == "cube" ? Imf::ENVMAP_CUBE : Imf::ENVMAP_LATLONG);
+        } else {
+          header.insert(name, Imf::StringAttribute(value));
+        }
+      }
+      if (pictures.size() > 1) {
+        std::string name = picture.name.empty() ? "part" + std::to_string(i) : picture.name;
+        while (!names.insert(name).second) name += "_";
+        header.setName(name);
+        header.setType(Imf::SCANLINEIMAGE);
+      }
+      headers.push_back(std::move(header));
+    }
+    OutputStream stream(file);
+    std::unique_ptr<Imf::OutputFile> single;
+    std::unique_ptr<Imf::MultiPartOutputFile> multi;
+    if (pictures.size() == 1) {
+      single = std::make_unique<Imf::OutputFile>(stream, headers[0], Imf::globalThreadCount());
+    } else {
+      multi = std::make_unique<Imf::MultiPartOutputFile>(stream, headers.data(), static_cast<int>(headers.size()),
+                                                         false, Imf::globalThreadCount());
+    }
+    Counts counts;
+    std::vector<char> buffer;
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      const Picture& picture = pictures[i];
+      const Image& image = picture.image;
+      const auto channels = static_cast<std::size_t>(image.channels());
+      const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels;
+      std::unique_ptr<Imf::OutputPart> part;
+      if (multi) part = std::make_unique<Imf::OutputPart>(*multi, static_cast<int>(i));
+      // A band is a multiple of every codec's block of lines, and enough of them to keep all threads busy.
+      const int band =
+          std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
+      const bool convert = type != Imf::FLOAT;
+      if (convert) buffer.assign(row_values * element * static_cast<std::size_t>(std::min(band, image.height())), 0);
+      int lines = 0;
+      for (int y = 0; y < image.height(); y += band) {
+        const int rows = std::min(band, image.height() - y);
+        tbb::parallel_for(0, rows, [&](int row) {
+          const float* from = image.row(y + row);
+          std::int64_t high = 0, negative = 0, nonfinite = 0;
+          if (type == Imf::HALF) {
+            auto* to = reinterpret_cast<Imath::half*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
+            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_half(from[k], high, nonfinite);
+          } else if (type == Imf::UINT) {
+            auto* to = reinterpret_cast<std::uint32_t*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
+            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_uint32(from[k], high, negative, nonfinite);
+          } else {
+            for (std::size_t k = 0; k < row_values; ++k) nonfinite += !std::isfinite(from[k]);
+          }
+          counts.high += high;
+          counts.negative += negative;
+          counts.nonfinite += nonfinite;
+        });
+        const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
+        const std::size_t x_stride = channels * element, y_stride = row_values * element;
+        Imf::FrameBuffer frame;
+        for (std::size_t c = 0; c < channels; ++c) {
+          const std::uintptr_t origin =
+              reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
+          frame.insert(picture.channels.names[c],
+                       Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
+        }
+        if (single) {
+          single->setFrameBuffer(frame);
+          single->writePixels(rows);
+          lines = single->currentScanLine();
+        } else {
+          part->setFrameBuffer(frame);
+          part->writePixels(rows);
+          lines = part->currentScanLine();
+        }
+      }
+      // A codec that failed in another thread may leave no more than this behind.
+      if (lines != image.height()) return Error{ErrorCode::output, "OpenEXR did not write all lines"};
+    }
+    single.reset();
+    multi.reset();
+    report.clamped_high += counts.high;
+    report.clamped_negative += counts.negative;
+    report.nonfinite += counts.nonfinite;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::limit, "not enough memory to write it"};
+  } catch (const std::exception& error) {
+    return Error{ErrorCode::output, reason(error)};
+  }
+  return Ok{};
+}
+
+}  // namespace envconv

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files: pictures in, pictures out, whole or not at all.  EXR goes through OpenEXR, Radiance through our own code,
+// everything else through the image library's module, which is loaded only when a file needs it.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "image.h"
+#include "result.h"
+
+namespace envconv {
+
+/// Stored type of a channel.
+enum class PixelType { half, float32, uint8, uint16, uint32 };
+std::string_view name_of(PixelType type);  ///< "half", "float", "uint8", "uint16", "uint32"
+
+/// String attributes by name, "envconv:layout" and the like, and the "envmap" of EXR ("latlong", "cube", or when read
+/// "unknown N" for a kind that OpenEXR does not define).
+using Metadata = std::map<std::string, std::string>;
+
+/// One picture of a file: the only one, an EXR part, or a face's file.
+struct Picture {
+  std::string name;  ///< part name, or ""
+  Image image;       ///< linear, alpha associated
+  Channels channels;
+  PixelType type = PixelType::float32;  ///< as stored (the first channel's)
+};
+
+/// A file as it was read.
+struct PictureFile {
+  std::string path;
+  std::string format;       ///< "openexr", "hdr", "png", "tiff", "jpeg" ...
+  std::string compression;  ///< the format's name for it, or ""
+  std::string color;        ///< how values were made linear: "linear", "sRGB", "gamma 2.2" ...
+  int levels = 1;           ///< MIP levels in the file
+  std::vector<Picture> pictures;
+  Metadata metadata;
+  std::vector<std::string> warnings;  ///< one line each: overscan cropped, channels left out ...
+};
+
+/// How to read.
+struct ReadOptions {
+  std::int64_t max_pixels = std::int64_t{1} << 30;  ///< refuse inputs that claim more
+  bool trust_input = false;                         ///< decode in this process, without isolation
+  bool header_only = false;                         ///< pixels are not decoded: images have a size and no pixels
+  int threads = 0;                                  ///< decoding threads; 0: all cores
+};
+
+/// Reads one file; errors are ErrorCode::input (or limit), and name the path, what is wrong and what to do.
+/// Recognises the format by its first bytes, never by the name alone; EXR tiles and scan lines, all parts of one file
+/// whose parts are faces; Y, YA, RGB, RGBA and arbitrary channel sets of up to 64 channels.  Integer files are sRGB
+/// unless they say otherwise; orientation (Exif, Radiance) and Radiance's exposure are applied.  Any thread may call
+/// it.
+Result<PictureFile> read_pictures(const std::string& path, const ReadOptions& options);
+
+/// Starts the process in which untrusted files are decoded.  Call it before threads are made (the tool does, first
+/// thing); without it, the first isolated read starts it.  It costs nothing until a file needs the image library.
+void start_isolated_reader();
+
+/// How to write.
+struct WriteOptions {
+  PixelType type = PixelType::half;
+  bool type_given = false;  ///< false: the nearest that the format has
+  std::string compression;  ///< "" for the format's usual; "zip", "piz", "dwaa:45", "jpeg quality" as the format has
+  Metadata metadata;
+  int threads = 0;
+  bool verify = false;  ///< read back and compare before the file takes its name
+};
+
+/// What happened to values that the format cannot hold.
+struct WriteReport {
+  PixelType type = PixelType::half;   ///< as written
+  std::int64_t clamped_high = 0;      ///< values above the type's largest (65504 for half)
+  std::int64_t clamped_negative = 0;  ///< negative values in a format without sign
+  std::int64_t nonfinite = 0;         ///< NaN or infinite values replaced
+  std::vector<std::string> warnings;
+};
+
+/// True when the path's extension names a format that can be written: the reason otherwise.
+Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels);
+
+/// Writes pictures (more than one: EXR parts) to a temporary name in the same folder, syncs and renames: a reader never
+/// sees half a file, and a failure leaves the old content and nothing else.  Pixels are linear; integer formats are
+/// written as sRGB.  Errors: output, unsupported.
+Result<WriteReport> write_pictures(const std::string& path, const std::vector<Picture>& pictures,
+                                   const WriteOptions& options);
+
+}  // namespace envconv

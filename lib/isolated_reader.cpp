@@ -1,0 +1,645 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Three kinds of process take part:
+//   the caller    asks, checks every answer, owns the memory that pixels arrive in;
+//   the zygote    forked once, single-threaded, forks a child for each file and reaps it;
+//   the child     decodes one file under limits and ends.
+// The caller and a child talk over a socket pair made for the file; the zygote keeps the child's end as well, so that
+// it can say how the child died, and so that it notices when the caller has gone away.  The zygote opens no file and
+// runs no codec.  It loads the image library once, on the first request that needs it, since that costs a quarter of a
+// second.
+#include "isolated_reader.h"
+
+#include <fcntl.h>
+#include <malloc.h>
+#include <poll.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <mutex>
+#include <vector>
+
+#include "exr.h"
+#include "imageio_loader.h"
+
+namespace envconv {
+namespace {
+
+constexpr std::size_t kMaxMessage = 128 * 1024;  // below the usual limit of a socket's buffer
+constexpr int kOpenSeconds = 20;                 // to understand a header
+
+// --- messages ------------------------------------------------------------------------------------------------------
+
+enum class Kind : std::uint32_t { request, spec, failure, go, done, death };
+
+class Writer {
+ public:
+  explicit Writer(Kind kind) { number(static_cast<std::int64_t>(kind)); }
+  void number(std::int64_t v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
+  void real(float v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
+  void text(const std::string& v) {
+    number(static_cast<std::int64_t>(v.size()));
+    bytes_ += v;
+  }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  std::string bytes_;
+};
+
+// Reads what another process wrote, which may be anything: a missing or senseless item makes good() false for ever.
+class Reader {
+ public:
+  explicit Reader(std::string bytes) : bytes_(std::move(bytes)) {}
+  std::int64_t number(std::int64_t low, std::int64_t high) {
+    std::int64_t v = low;
+    take(&v, sizeof v);
+    if (v < low || v > high) good_ = false;
+    return good_ ? v : low;
+  }
+  float real() {
+    float v = 0;
+    take(&v, sizeof v);
+    return v;
+  }
+  std::string text(std::size_t limit) {
+    const auto size = static_cast<std::size_t>(number(0, static_cast<std::int64_t>(limit)));
+    if (!good_ || size > bytes_.size() - at_) {
+      good_ = false;
+      return {};
+    }
+    at_ += size;
+    return bytes_.substr(at_ - size, size);
+  }
+  bool good() const { return good_; }
+
+ private:
+  void take(void* to, std::size_t size) {
+    if (!good_ || size > bytes_.size() - at_) {
+      good_ = false;
+      return;
+    }
+    std::memcpy(to, bytes_.data() + at_, size);
+    at_ += size;
+  }
+  std::string bytes_;
+  std::size_t at_ = 0;
+  bool good_ = true;
+};
+
+bool send_message(int socket, const std::string& bytes, std::vector<int> fds = {}) {
+  iovec part{const_cast<char*>(bytes.data()), bytes.size()};
+  alignas(cmsghdr) char control[CMSG_SPACE(2 * sizeof(int))] = {};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  if (!fds.empty()) {
+    message.msg_control = control;
+    message.msg_controllen = CMSG_SPACE(fds.size() * sizeof(int));
+    cmsghdr* header = CMSG_FIRSTHDR(&message);
+    header->cmsg_level = SOL_SOCKET;
+    header->cmsg_type = SCM_RIGHTS;
+    header->cmsg_len = CMSG_LEN(fds.size() * sizeof(int));
+    std::memcpy(CMSG_DATA(header), fds.data(), fds.size() * sizeof(int));
+  }
+  ssize_t sent;
+  do {
+    sent = ::sendmsg(socket, &message, MSG_NOSIGNAL);
+  } while (sent < 0 && errno == EINTR);
+  return sent == static_cast<ssize_t>(bytes.size());
+}
+
+// False at the end, or on an error.  Descriptors that came along are the caller's.
+bool receive_message(int socket, std::string& bytes, std::vector<int>& fds) {
+  bytes.resize(kMaxMessage);
+  fds.clear();
+  iovec part{bytes.data(), bytes.size()};
+  alignas(cmsghdr) char control[CMSG_SPACE(4 * sizeof(int))] = {};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control;
+  message.msg_controllen = sizeof control;
+  ssize_t got;
+  do {
+    got = ::recvmsg(socket, &message, MSG_CMSG_CLOEXEC);
+  } while (got < 0 && errno == EINTR);
+  for (cmsghdr* header = CMSG_FIRSTHDR(&message); got >= 0 && header; header = CMSG_NXTHDR(&message, header)) {
+    if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS) continue;
+    const std::size_t count = (header->cmsg_len - CMSG_LEN(0)) / sizeof(int);
+    for (std::size_t i = 0; i < count; ++i) {
+      int fd;
+      std::memcpy(&fd, CMSG_DATA(header) + i * sizeof(int), sizeof fd);
+      fds.push_back(fd);
+    }
+  }
+  if (got <= 0 || (message.msg_flags & MSG_TRUNC)) return false;
+  bytes.resize(static_cast<std::size_t>(got));
+  return true;
+}
+
+std::string pack(const FileSpec& spec) {
+  Writer w(Kind::spec);
+  w.text(spec.compression);
+  w.number(static_cast<int>(spec.transfer));
+  w.real(spec.gamma);
+  w.number(spec.unassociated);
+  w.number(spec.orientation);
+  w.number(spec.levels);
+  w.number(static_cast<std::int64_t>(spec.pictures.size()));
+  for (const PictureSpec& picture : spec.pictures) {
+    w.text(picture.name);
+    w.number(picture.width);
+    w.number(picture.height);
+    w.number(picture.channels.count());
+    for (const std::string& name : picture.channels.names) w.text(name);
+    w.number(picture.channels.alpha);
+    w.number(static_cast<int>(picture.type));
+    w.number(static_cast<int>(picture.element));
+  }
+  w.number(static_cast<std::int64_t>(spec.metadata.size()));
+  for (const auto& [name, value] : spec.metadata) {
+    w.text(name);
+    w.text(value);
+  }
+  w.number(static_cast<std::int64_t>(spec.warnings.size()));
+  for (const std::string& warning : spec.warnings) w.text(warning);
+  return w.bytes();
+}
+
+// The kind was read already.
+bool unpack(Reader& r, FileSpec& spec) {
+  constexpr std::size_t kText = 4096;
+  constexpr std::int64_t kSize = 0x7FFFFFFF;
+  spec.compression = printable(r.text(kText));
+  spec.transfer = static_cast<Transfer>(r.number(0, 2));
+  spec.gamma = r.real();
+  if (!(spec.gamma > 0.01f && spec.gamma < 100.f)) spec.gamma = 1;
+  spec.unassociated = r.number(0, 1) != 0;
+  spec.orientation = static_cast<int>(r.number(1, 8));
+  spec.levels = static_cast<int>(r.number(1, 64));
+  const auto pictures = r.number(1, kMaxPictures);
+  for (std::int64_t i = 0; i < pictures && r.good(); ++i) {
+    PictureSpec picture;
+    picture.name = r.text(kText);
+    picture.width = static_cast<int>(r.number(1, kSize));
+    picture.height = static_cast<int>(r.number(1, kSize));
+    const auto channels = r.number(1, kMaxChannels);
+    for (std::int64_t c = 0; c < channels && r.good(); ++c) picture.channels.names.push_back(r.text(kText));
+    picture.channels.alpha = static_cast<int>(r.number(-1, channels - 1));
+    picture.type = static_cast<PixelType>(r.number(0, 4));
+    picture.element = static_cast<PixelType>(r.number(0, 4));
+    spec.pictures.push_back(std::move(picture));
+  }
+  const auto entries = r.number(0, 256);
+  for (std::int64_t i = 0; i < entries && r.good(); ++i) {
+    const std::string name = r.text(kText);
+    spec.metadata[name] = r.text(kMaxMessage);
+  }
+  const auto warnings = r.number(0, 256);
+  for (std::int64_t i = 0; i < warnings && r.good(); ++i) spec.warnings.push_back(printable(r.text(kText)));
+  return r.good();
+}
+
+Writer failure(const Error& error) {
+  Writer w(Kind::failure);
+  w.number(static_cast<int>(error.code));
+  w.text(error.message.substr(0, 2048));
+  return w;
+}
+
+Error unpack_failure(Reader& r) {
+  const auto code = r.number(2, 70);
+  const std::string text = printable(r.text(4096));
+  // A decoder has only these two to say.
+  return {code == static_cast<int>(ErrorCode::limit) ? ErrorCode::limit : ErrorCode::input, text};
+}
+
+// --- the child -----------------------------------------------------------------------------------------------------
+
+std::size_t address_space() {
+  std::size_t pages = 0;
+  if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
+    if (std::fscanf(file, "%zu", &pages) != 1) pages = 0;
+    std::fclose(file);
+  }
+  return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+}
+
+void limit_resource(int resource, std::uint64_t value) {
+  // The hard limit stays: the limits are raised once, when the size of the picture is known.
+  rlimit limit{};
+  ::getrlimit(static_cast<__rlimit_resource>(resource), &limit);
+  limit.rlim_cur = std::min<rlim_t>(value, limit.rlim_max);
+  ::setrlimit(static_cast<__rlimit_resource>(resource), &limit);
+}
+
+struct Plan {
+  std::size_t bytes = 0;  // of the mapping
+  std::vector<std::size_t> offsets;
+};
+
+// Each picture on its own pages.
+Plan plan_of(const FileSpec& spec) {
+  Plan plan;
+  for (const PictureSpec& picture : spec.pictures) {
+    plan.offsets.push_back(plan.bytes);
+    plan.bytes += (static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(picture.height) *
+                       static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element) +
+                   65535) /
+                  65536 * 65536;
+  }
+  return plan;
+}
+
+// Seconds that a decoder may take: generous for a machine that is busy.
+int decode_seconds(const FileSpec& spec) {
+  double values = 0;
+  for (const PictureSpec& picture : spec.pictures) {
+    values += static_cast<double>(picture.width) * picture.height * picture.channels.count();
+  }
+  return static_cast<int>(std::min(20 + values / 500e3, 86400.));
+}
+
+[[noreturn]] void run_child(int socket, int file, const std::string& format, const DecoderOptions& options,
+                            const std::string& hook) {
+  const auto finish = [&](const std::string& message) {
+    send_message(socket, message);
+    ::_exit(0);
+  };
+  try {
+    // OpenEXR uses memory it never wrote when a chunk inflates short; what comes out must be the same every time.  The
+    // image library allocates 60 MB to read the smallest file, which this would fill.
+    if (format == "openexr") ::mallopt(M_PERTURB, 0xFF);
+    struct stat info {};
+    const std::uint64_t file_size = ::fstat(file, &info) == 0 ? static_cast<std::uint64_t>(info.st_size) : 0;
+    const auto threads = static_cast<std::uint64_t>(std::max(options.threads, 1));
+    const std::uint64_t base = address_space() + (std::uint64_t{1} << 30) + file_size * 4 + threads * (200u << 20);
+    limit_resource(RLIMIT_CORE, 0);
+    limit_resource(RLIMIT_FSIZE, 0);
+    limit_resource(RLIMIT_AS, base);
+    limit_resource(RLIMIT_CPU, kOpenSeconds);
+    ::alarm(kOpenSeconds);
+    if (hook == "crash") std::raise(SIGSEGV);
+    if (hook == "hang") {
+      ::alarm(1);
+      for (;;) ::pause();
+    }
+    if (hook == "exit") ::_exit(1);
+    if (hook == "rubbish") finish(std::string(5000, '\x7F'));
+    if (format == "openexr" && threads > 1) set_exr_pool_threads(static_cast<int>(threads));
+    auto decoder = open_decoder(format, file, options);
+    if (!decoder) finish(failure(decoder.error()).bytes());
+    const FileSpec& spec = (*decoder)->spec();
+    const std::string packed = pack(spec);
+    if (packed.size() > kMaxMessage - 1024) finish(failure({ErrorCode::input, "has too much metadata"}).bytes());
+    // Waiting for the caller is not decoding.
+    ::alarm(0);
+    if (!send_message(socket, packed)) ::_exit(1);
+    std::string bytes;
+    std::vector<int> fds;
+    if (!receive_message(socket, bytes, fds) || fds.size() != 1) ::_exit(0);  // the header was all that was wanted
+    const Plan plan = plan_of(spec);
+    const int seconds = decode_seconds(spec);
+    ::alarm(static_cast<unsigned>(seconds));
+    limit_resource(RLIMIT_CPU, static_cast<std::uint64_t>(seconds) * threads + kOpenSeconds);
+    // The mapping, and for the codec's own copies three times that, as some hold the whole picture.
+    limit_resource(RLIMIT_AS, base + plan.bytes * 4);
+    void* memory = ::mmap(nullptr, plan.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fds[0], 0);
+    if (memory == MAP_FAILED) finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
+    for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
+      const auto result = (*decoder)->decode(static_cast<int>(i), static_cast<char*>(memory) + plan.offsets[i]);
+      if (!result) finish(failure(result.error()).bytes());
+    }
+    finish(Writer(Kind::done).bytes());
+  } catch (const std::bad_alloc&) {
+    finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
+  } catch (...) {
+    finish(failure({ErrorCode::input, "truncated or damaged"}).bytes());
+  }
+  ::_exit(1);
+}
+
+// --- the zygote ----------------------------------------------------------------------------------------------------
+
+struct Child {
+  pid_t pid;
+  int socket;
+};
+
+[[noreturn]] void run_zygote(int control) {
+  // Nothing of the caller's stays open: a pipe's reader waits for its last writer.
+  const int null = ::open("/dev/null", O_RDWR);
+  for (int fd = 0; fd < 3; ++fd) ::dup2(null, fd);
+  constexpr int kControl = 3;
+  if (control != kControl) ::dup2(control, kControl);
+  if (::syscall(SYS_close_range, kControl + 1, ~0u, 0) != 0) {
+    for (int fd = kControl + 1; fd < 65536; ++fd) ::close(fd);
+  }
+  ::fcntl(kControl, F_SETFD, FD_CLOEXEC);
+  ::prctl(PR_SET_NAME, "envconv-reader");
+  for (int signal = 1; signal < 32; ++signal) ::signal(signal, SIG_DFL);
+  // A terminal sends its interrupt to all processes; the caller decides what becomes of this one, by ending.
+  for (const int signal : {SIGINT, SIGQUIT, SIGHUP, SIGTSTP, SIGPIPE}) ::signal(signal, SIG_IGN);
+  sigset_t set;
+  sigemptyset(&set);
+  ::sigprocmask(SIG_SETMASK, &set, nullptr);
+  sigaddset(&set, SIGCHLD);
+  ::sigprocmask(SIG_BLOCK, &set, nullptr);
+  const int signals = ::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
+  if (signals < 0) ::_exit(1);
+
+  std::vector<Child> children;
+  for (;;) {
+    std::vector<pollfd> polled{{kControl, POLLIN, 0}, {signals, POLLIN, 0}};
+    for (const Child& child : children) polled.push_back({child.socket, 0, 0});  // only hang-ups
+    if (::poll(polled.data(), polled.size(), -1) < 0 && errno != EINTR) ::_exit(1);
+    for (std::size_t i = 0; i < children.size(); ++i) {
+      if (polled[i + 2].revents & (POLLHUP | POLLERR)) ::kill(children[i].pid, SIGKILL);  // the caller has gone away
+    }
+    if (polled[1].revents & POLLIN) {
+      signalfd_siginfo info;
+      while (::read(signals, &info, sizeof info) > 0) {
+      }
+    }
+    int status = 0;
+    for (pid_t pid; (pid = ::waitpid(-1, &status, WNOHANG)) > 0;) {
+      const auto child = std::find_if(children.begin(), children.end(), [&](const Child& c) { return c.pid == pid; });
+      if (child == children.end()) continue;
+      Writer death(Kind::death);
+      death.number(WIFSIGNALED(status) ? WTERMSIG(status) : 0);
+      send_message(child->socket, death.bytes());
+      ::close(child->socket);
+      children.erase(child);
+    }
+    if (!(polled[0].revents & (POLLIN | POLLHUP))) continue;
+    std::string bytes;
+    std::vector<int> fds;
+    if (!receive_message(kControl, bytes, fds)) {
+      for (const Child& child : children) ::kill(child.pid, SIGKILL);
+      ::_exit(0);
+    }
+    Reader request(std::move(bytes));
+    const auto kind = static_cast<Kind>(request.number(0, 5));
+    const std::string format = request.text(64);
+    DecoderOptions options;
+    options.max_pixels = request.number(0, INT64_MAX);
+    options.threads = static_cast<int>(request.number(1, 1024));
+    const std::string hook = request.text(64);
+    if (kind != Kind::request || !request.good() || fds.size() != 2) {
+      for (const int fd : fds) ::close(fd);
+      continue;
+    }
+    if (hook == "zygote") ::_exit(1);
+    if (needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
+    const pid_t pid = ::fork();
+    if (pid == 0) {
+      ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+      ::prctl(PR_SET_DUMPABLE, 0);
+      ::close(kControl);
+      ::close(signals);
+      for (const Child& child : children) ::close(child.socket);
+      sigset_t none;
+      sigemptyset(&none);
+      ::sigprocmask(SIG_SETMASK, &none, nullptr);
+      run_child(fds[1], fds[0], format, options, hook);
+    }
+    ::close(fds[0]);
+    if (pid < 0) {
+      send_message(fds[1], failure({ErrorCode::limit, "no process to decode it in"}).bytes());
+      ::close(fds[1]);
+    } else {
+      children.push_back({pid, fds[1]});
+    }
+  }
+}
+
+// --- the caller ----------------------------------------------------------------------------------------------------
+
+struct Zygote {
+  std::mutex mutex;
+  pid_t pid = -1;
+  pid_t owner = -1;  // the process that started it: a host may fork
+  int control = -1;
+};
+
+Zygote& zygote() {
+  // Never destroyed: other threads may be reading while the process ends.
+  static Zygote* const instance = new Zygote;
+  return *instance;
+}
+
+// With the mutex held.
+bool start(Zygote& z) {
+  if (z.control >= 0) ::close(z.control);
+  z.control = -1;
+  // It ends when its socket does.  No signal: a host that reaps all its children may have freed the number for another.
+  if (z.pid > 0 && z.owner == ::getpid()) ::waitpid(z.pid, nullptr, WNOHANG);
+  z.pid = -1;
+  int sockets[2];
+  if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets) != 0) return false;
+  // OpenEXR's threads would not be in the new process, which would wait for them.
+  const int pool = exr_pool_threads();
+  if (pool > 0) set_exr_pool_threads(0);
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    ::close(sockets[0]);
+    run_zygote(sockets[1]);
+  }
+  ::close(sockets[1]);
+  if (pool > 0) set_exr_pool_threads(pool);
+  if (pid < 0) {
+    ::close(sockets[0]);
+    return false;
+  }
+  z.control = sockets[0];
+  z.pid = pid;
+  z.owner = ::getpid();
+  return true;
+}
+
+Error crashed(int signal) {
+  if (signal == SIGALRM || signal == SIGXCPU) {
+    return {ErrorCode::input, "the reader was stopped after taking too long (damaged, or made to do harm)"};
+  }
+  std::string how = "ended early";
+  if (signal != 0) {
+    const char* name = ::sigabbrev_np(signal);
+    how = std::string("crashed (SIG") + (name ? name : "?") + ")";
+  }
+  return {ErrorCode::input, "the reader " + how + "; the file is damaged, or made to do harm"};
+}
+
+class IsolatedDecoder final : public Decoder {
+ public:
+  ~IsolatedDecoder() override {
+    if (memory_ != nullptr) ::munmap(memory_, plan_.bytes);
+    if (socket_ >= 0) ::close(socket_);  // the zygote ends the child
+  }
+
+  Result<Ok> open(const std::string& format, int fd, const DecoderOptions& options) {
+    Writer request(Kind::request);
+    request.text(format);
+    request.number(options.max_pixels);
+    request.number(options.threads);
+    const char* hook = std::getenv("ENVCONV_TEST_READER");  // tests make a child misbehave
+    request.text(hook ? hook : "");
+    Error error{ErrorCode::internal, "no process to decode it in"};
+    // A zygote that died is replaced, once.
+    for (int attempt = 0; attempt < 2; ++attempt) {
+      int sockets[2];
+      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets) != 0) {
+        return Error{ErrorCode::limit, std::string("no socket: ") + std::strerror(errno)};
+      }
+      bool sent = false;
+      {
+        Zygote& z = zygote();
+        const std::lock_guard lock(z.mutex);
+        if (z.control < 0 || z.owner != ::getpid()) start(z);
+        if (z.control >= 0) sent = send_message(z.control, request.bytes(), {fd, sockets[1]});
+        if (!sent) {
+          if (z.control >= 0) ::close(z.control);
+          z.control = -1;
+        }
+      }
+      ::close(sockets[1]);
+      if (socket_ >= 0) ::close(socket_);
+      socket_ = sockets[0];
+      if (!sent) continue;
+      Reader reply("");
+      Kind kind = Kind::death;
+      // Loading the image library comes on top of the child's own limit.
+      const auto got = receive(kOpenSeconds + 20, kind, reply);
+      if (!got) {
+        error = got.error();
+        // No word at all, not even of a death: the zygote is gone.
+        if (!silent_) return error;
+        Zygote& z = zygote();
+        const std::lock_guard lock(z.mutex);
+        if (z.control >= 0) ::close(z.control);
+        z.control = -1;
+        continue;
+      }
+      if (kind != Kind::spec || !unpack(reply, spec_)) return senseless();
+      return Ok{};
+    }
+    return error;
+  }
+
+  const FileSpec& spec() const override { return spec_; }
+
+  Result<Ok> decode(int picture, void* pixels) override {
+    ENVCONV_CHECK(decode_all());
+    const std::size_t begin = plan_.offsets[static_cast<std::size_t>(picture)];
+    const PictureSpec& p = spec_.pictures[static_cast<std::size_t>(picture)];
+    const std::size_t bytes = static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.height) *
+                              static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
+    // Pages are given back as they are copied, so that there are never two pictures in memory.
+    constexpr std::size_t kBand = std::size_t{8} << 20;
+    for (std::size_t at = 0; at < bytes; at += kBand) {
+      const std::size_t part = std::min(kBand, bytes - at);
+      std::memcpy(static_cast<char*>(pixels) + at, memory_ + begin + at, part);
+      ::madvise(memory_ + begin + at, part / 4096 * 4096, MADV_REMOVE);
+    }
+    return Ok{};
+  }
+
+ private:
+  static Error senseless() {
+    return {ErrorCode::input, "the reader gave a senseless answer; the file is damaged, or made to do harm"};
+  }
+
+  Result<Ok> decode_all() {
+    if (memory_ != nullptr) return Ok{};
+    plan_ = plan_of(spec_);
+    const int fd = static_cast<int>(::memfd_create("envconv-pixels", MFD_CLOEXEC | MFD_ALLOW_SEALING));
+    if (fd < 0) return Error{ErrorCode::limit, std::string("no shared memory: ") + std::strerror(errno)};
+    void* memory = MAP_FAILED;
+    // Sealed: a child that shrank it would make this process die on the next access.
+    if (::ftruncate(fd, static_cast<off_t>(plan_.bytes)) == 0 &&
+        ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
+      memory = ::mmap(nullptr, plan_.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    }
+    const bool sent = memory != MAP_FAILED && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    ::close(fd);
+    if (memory == MAP_FAILED) {
+      return Error{ErrorCode::limit,
+                   "not enough memory: the picture needs " + std::to_string(plan_.bytes >> 20) + " MB"};
+    }
+    memory_ = static_cast<char*>(memory);
+    Reader reply("");
+    Kind kind = Kind::death;
+    if (sent) {
+      ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
+    } else {
+      ENVCONV_CHECK(receive(5, kind, reply));
+    }
+    if (kind != Kind::done) return senseless();
+    return Ok{};
+  }
+
+  // A spec or done; failures and deaths are errors.
+  Result<Ok> receive(int seconds, Kind& kind, Reader& reply) {
+    silent_ = false;
+    timespec now;
+    ::clock_gettime(CLOCK_MONOTONIC, &now);
+    const std::int64_t until = now.tv_sec + seconds;
+    for (;;) {
+      pollfd polled{socket_, POLLIN, 0};
+      ::clock_gettime(CLOCK_MONOTONIC, &now);
+      const int ready = ::poll(&polled, 1, static_cast<int>(std::max<std::int64_t>(until - now.tv_sec, 0)) * 1000);
+      if (ready < 0 && errno == EINTR) continue;
+      if (ready <= 0) return crashed(SIGALRM);
+      break;
+    }
+    std::string bytes;
+    std::vector<int> fds;
+    const bool received = receive_message(socket_, bytes, fds);
+    for (const int fd : fds) ::close(fd);  // a child has none to send
+    if (!received) {
+      silent_ = true;
+      return crashed(0);
+    }
+    reply = Reader(std::move(bytes));
+    kind = static_cast<Kind>(reply.number(0, 5));
+    if (kind == Kind::failure) return unpack_failure(reply);
+    if (kind == Kind::death) return crashed(static_cast<int>(reply.number(0, 64)));
+    return reply.good() ? Result<Ok>(Ok{}) : senseless();
+  }
+
+  int socket_ = -1;
+  bool silent_ = false;
+  FileSpec spec_;
+  Plan plan_;
+  char* memory_ = nullptr;
+};
+
+}  // namespace
+
+void start_isolated_reader() {
+  Zygote& z = zygote();
+  const std::lock_guard lock(z.mutex);
+  if (z.control < 0 || z.owner != ::getpid()) start(z);
+}
+
+Result<std::unique_ptr<Decoder>> open_isolated(const std::string& format, int fd, const DecoderOptions& options) {
+  auto decoder = std::make_unique<IsolatedDecoder>();
+  ENVCONV_CHECK(decoder->open(format, fd, options));
+  return std::unique_ptr<Decoder>(std::move(decoder));
+}
+
+}  // namespace envconv
