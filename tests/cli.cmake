@@ -1,0 +1,13 @@
+# The tool from outside: transcripts of the command line, the documents, and a program that uses the installed library.
+find_package(Python3 REQUIRED COMPONENTS Interpreter)
+
+foreach(test IN ITEMS usage convert batch info documents)
+  add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
+           WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
+  set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
+    "ENVCONV=$<TARGET_FILE:envconv_tool>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}")
+endforeach()
+
+add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
+         ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)
+set_tests_properties(install PROPERTIES LABELS install TIMEOUT 300)

@@ -1,0 +1,342 @@
+# SPDX-License-Identifier: Apache-2.0
+"""envconv convert on single inputs."""
+import math
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import time
+import unittest
+
+from harness import (BINARY, PANORAMAS, Case, read_exr, write_constant, write_directions, write_exr, write_png)
+
+PLAIN = ("--compression", "none", "--type", "float")
+# Where the centres of the faces look, in the world frame.
+CENTRES = {"px": (1, 0, 0), "nx": (-1, 0, 0), "py": (0, 1, 0), "ny": (0, -1, 0), "pz": (0, 0, 1), "nz": (0, 0, -1)}
+
+
+class Pixels(Case):
+    def centre(self, name):
+        """Mean colour of the four texels in the middle of a face."""
+        width, height, channels, _ = read_exr(self.path(name))
+        middle = [(y, x) for y in (height // 2 - 1, height // 2) for x in (width // 2 - 1, width // 2)]
+        return tuple(sum(channels[c][y][x] for y, x in middle) / 4 for c in "RGB")
+
+    def check_centres(self, expected, pattern="sky_{}.exr"):
+        for face, direction in expected.items():
+            for got, wanted in zip(self.centre(pattern.format(face)), direction):
+                self.assertAlmostEqual(got, wanted, delta=0.02, msg=face)
+
+    def test_six_files_look_where_the_cube_does(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 16, *PLAIN).is_silent()
+        self.assertEqual(self.files(), sorted(["in.exr", *(f"sky_{f}.exr" for f in CENTRES)]))
+        self.check_centres(CENTRES)
+
+    def test_rotation_takes_forward_to_the_right(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 16, "--rotate", "90,0,0", *PLAIN)
+        self.check_centres({"px": (0, 0, 1), "pz": (-1, 0, 0), "py": (0, 1, 0)})
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 16, "--rotate", "-90,0,0", *PLAIN)
+        self.check_centres({"nx": (0, 0, 1)})
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 16, "--rotate=0,90,0", *PLAIN)
+        self.check_centres({"pz": (0, 1, 0)})
+
+    def test_two_rotations_are_recorded_as_one(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "a.exr", "--to", "latlong", "--rotate", "30,20,10", *PLAIN)
+        self.run_tool("convert", "a.exr", "-o", "b.exr", "--to", "latlong", "--rotate", "-50,40,5", *PLAIN)
+        yaw, pitch, roll = self.json("info", "b.exr")["rotation"]
+        # The recorded rotation, applied to the original at once, gives the same picture.
+        self.run_tool("convert", "in.exr", "-o", "c.exr", "--to", "latlong", f"--rotate={yaw},{pitch},{roll}", *PLAIN)
+        b, c = (read_exr(self.path(name))[2] for name in ("b.exr", "c.exr"))
+        worst = max(abs(p - q) for k in "RGB" for r, s in zip(b[k], c[k]) for p, q in zip(r, s))
+        self.assertLess(worst, 0.05)
+
+    def test_frame_changes_the_axes_of_the_lookup(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 16, "--frame", "opengl", *PLAIN)
+        # Forward is -Z there.
+        self.check_centres({"nz": (0, 0, 1), "pz": (0, 0, -1), "px": (1, 0, 0), "py": (0, 1, 0)})
+
+    def test_back_and_forth_by_metadata_alone(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "a.exr", "--to", "octahedral", "--frame", "three", "--size", 64, *PLAIN)
+        self.run_tool("convert", "a.exr", "-o", "b_{face}.exr", "--size", 16, *PLAIN).is_silent()
+        self.check_centres(CENTRES, "b_{}.exr")
+        source = self.json("convert", "a.exr", "-o", "c.exr", "--to", "latlong")["source"]
+        self.assertEqual((source["layout"], source["frame"]), ("octahedral", "three"))
+
+    def test_six_files_are_one_input(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 32, *PLAIN)
+        self.run_tool("convert", "sky_{face}.exr", "--from", "cube", "-o", "all.exr", "--packing", "row", *PLAIN)
+        width, height, _, _ = read_exr(self.path("all.exr"))
+        self.assertEqual((width, height), (6 * 32, 32))
+        self.run_tool("convert", "all.exr", "-o", "again_{face}.exr", *PLAIN)
+        for face in CENTRES:
+            self.assertEqual(read_exr(self.path(f"sky_{face}.exr"))[2], read_exr(self.path(f"again_{face}.exr"))[2])
+
+    def test_six_files_without_metadata(self):
+        for face in CENTRES:
+            write_constant(self.path(f"{face}.exr"), 0.5, 8, 8)
+        self.run_tool("convert", "{face}.exr", "-o", "all.exr", "--to", "latlong", *PLAIN)
+        _, _, channels, _ = read_exr(self.path("all.exr"))
+        for row in channels["G"]:
+            for value in row:
+                self.assertAlmostEqual(value, 0.5, delta=1e-6)
+
+    def test_a_missing_or_odd_face_is_named(self):
+        for face in CENTRES:
+            write_constant(self.path(f"s_{face}.exr"), 0.5, 8, 8)
+        self.path("s_ny.exr").unlink()
+        self.run_tool("convert", "s_{face}.exr", "-o", "all.exr", expect=3).says("s_ny.exr", "No such file")
+        write_constant(self.path("s_ny.exr"), 0.5, 4, 4)
+        self.run_tool("convert", "s_{face}.exr", "-o", "all.exr", expect=3).says("s_ny.exr", "4x4")
+        self.assertNotIn("all.exr", self.files())
+
+    def test_parts(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "parts.exr", "--packing", "parts", "--size", 16).is_silent()
+        self.assertEqual(self.json("info", "parts.exr")["packing"], "parts")
+        self.run_tool("convert", "parts.exr", "-o", "sky_{face}.exr", *PLAIN)
+        self.check_centres(CENTRES)
+
+    def test_exposure_and_alpha(self):
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: (0.25, 0.25, 0.25, 0.5), "RGBA")
+        self.run_tool("convert", "in.exr", "-o", "a.exr", "--to", "latlong", "--exposure", "2", *PLAIN)
+        channels = read_exr(self.path("a.exr"))[2]
+        self.assertEqual((channels["R"][3][3], channels["A"][3][3]), (1.0, 0.5))
+        self.run_tool("convert", "in.exr", "-o", "b.exr", "--to", "latlong", "--alpha", "drop", "--exposure=-1", *PLAIN)
+        channels = read_exr(self.path("b.exr"))[2]
+        self.assertEqual(sorted(channels), ["B", "G", "R"])
+        self.assertEqual(channels["R"][3][3], 0.125)
+
+    def test_size_texels_and_auto(self):
+        write_constant(self.path("in.exr"), 1, 64, 32)
+        self.assertEqual(self.json("convert", "in.exr", "-o", "a.exr", "--size", 20)["size"], 20)
+        report = self.json("convert", "in.exr", "-o", "b.exr", "--texels", "6k")
+        self.assertEqual(report["size"], 31)  # 6 x 31^2 <= 6000 < 6 x 32^2
+        self.assertEqual(self.json("convert", "in.exr", "-o", "c.exr", "--to", "latlong")["size"], 32)
+        self.assertGreater(self.json("convert", "in.exr", "-o", "d.exr", "--size", "auto")["size"], 8)
+
+
+class Nonfinite(Case):
+    def setUp(self):
+        super().setUp()
+        nan, inf = float("nan"), float("inf")
+        bad = {(4, 4): (nan, 1, 1), (5, 4): (inf, 1, -inf)}
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: bad.get((x, y), (2, 1, 1)))
+
+    def convert(self, *options, expect=0):
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--to", "latlong", *PLAIN, *options, expect=expect)
+        return read_exr(self.path("out.exr"))[2] if expect == 0 else None
+
+    def test_repair_is_the_default_and_counts(self):
+        channels = self.convert()
+        self.says("in.exr: warning: 3 values are NaN or infinite")
+        self.assertEqual((channels["R"][4][4], channels["R"][4][5], channels["B"][4][5]), (2, 2, 1))
+
+    def test_zero_and_clamp(self):
+        channels = self.convert("--nonfinite", "zero")
+        self.assertEqual((channels["R"][4][4], channels["R"][4][5], channels["B"][4][5]), (0, 0, 0))
+        channels = self.convert("--nonfinite", "clamp", "-q")
+        self.assertEqual((channels["R"][4][4], channels["R"][4][5], channels["B"][4][5]), (0, 65504, -65504))
+        self.is_silent()
+
+    def test_error(self):
+        self.convert("--nonfinite", "error", expect=3)
+        self.says("in.exr: 3 values are NaN or infinite")
+        self.assertEqual(self.files(), ["in.exr"])
+
+
+class Formats(Case):
+    def test_types_follow_the_source_and_the_format(self):
+        write_constant(self.path("float.exr"), 0.5)
+        write_png(self.path("eight.png"), 16, 8, lambda x, y: (188, 188, 188))
+        write_png(self.path("sixteen.png"), 16, 8, lambda x, y: (50000, 50000, 50000), 16)
+        for source, output, wanted in (
+            ("float.exr", "a.exr", "float"), ("eight.png", "b.exr", "half"), ("sixteen.png", "c.exr", "half"),
+            ("float.exr", "d.png", "uint8"), ("eight.png", "e.png", "uint8"), ("sixteen.png", "f.png", "uint16"),
+            ("eight.png", "g.hdr", "float"), ("a.exr", "h.exr", "float"), ("b.exr", "i.exr", "half"),
+        ):
+            report = self.json("convert", source, "-o", output, "--to", "latlong", "--from", "latlong")
+            self.assertEqual(report["type"], wanted, (source, output))
+        self.assertEqual(self.json("convert", "float.exr", "-o", "j.exr", "--type", "half")["type"], "half")
+
+    def test_integer_files_are_srgb(self):
+        write_png(self.path("in.png"), 16, 8, lambda x, y: (188, 188, 188))  # 188/255 in sRGB is 0.5029
+        self.run_tool("convert", "in.png", "-o", "out.exr", "--to", "latlong", *PLAIN)
+        self.assertAlmostEqual(read_exr(self.path("out.exr"))[2]["R"][2][2], 0.5029, delta=1e-3)
+
+    def test_radiance(self):
+        shutil.copy(PANORAMAS / "venice.hdr", self.path("venice.hdr"))
+        self.run_tool("convert", "venice.hdr", "-o", "cube.exr", "--size", 64)
+        info = self.json("info", "cube.exr")
+        self.assertEqual((info["layout"], info["size"], info["packing"]), ("cube", 64, "row"))
+
+    def test_half_overflow_is_counted(self):
+        write_constant(self.path("in.exr"), 1e6)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--to", "latlong", "--type", "half")
+        self.says("384 values are too large for half .exr: clamped")
+        self.run_tool("convert", "in.exr", "-o", "out.png", "--to", "latlong")
+        self.says("384 values are too large for uint8 .png")
+
+    def test_a_format_that_cannot_hold_it(self):
+        write_constant(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "out.xyz", expect=5).says("out.xyz")
+        self.run_tool("convert", "in.exr", "-o", "out", expect=5).says("out")
+        self.run_tool("convert", "in.exr", "-o", "out.png", "--packing", "parts", expect=5).says("out.png")
+        self.run_tool("convert", "in.exr", "-o", "out.hdr", "--type", "uint8", expect=5).says("out.hdr")
+        self.run_tool("convert", "in.exr", "-o", "o.exr", "--to", "latlong", "--packing", "cross", expect=5)
+        self.says("cross", "latlong")
+        self.assertEqual(self.files(), ["in.exr"])
+
+    def test_verify(self):
+        write_directions(self.path("in.exr"))
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--verify").is_silent()
+        self.run_tool("convert", "in.exr", "-o", "out.png", "--verify", "-q").is_silent()
+
+
+class Failures(Case):
+    def test_missing_input(self):
+        self.run_tool("convert", "no.exr", "-o", "out.exr", expect=3).says("no.exr: ", "No such file")
+        self.assertEqual(self.files(), [])
+
+    def test_not_an_image(self):
+        for name, data in (("empty.exr", b""), ("page.exr", b"<html></html>"), ("cut.hdr", b"#?RADIANCE\n")):
+            self.path(name).write_bytes(data)
+            self.run_tool("convert", name, "-o", "out.exr", expect=3).says(name)
+            self.assertNotIn("out.exr", self.files())
+
+    def test_not_a_regular_file(self):
+        self.path("folder").mkdir()
+        os.mkfifo(self.path("fifo"))
+        for name in ("folder", "fifo", "/dev/zero"):
+            self.run_tool("convert", name, "-o", "out.exr", expect=3).says("not a regular file")
+
+    def test_truncated(self):
+        data = (PANORAMAS / "city.exr").read_bytes()
+        self.path("cut.exr").write_bytes(data[: len(data) // 2])
+        self.path("out.exr").write_bytes(b"old")
+        self.run_tool("convert", "cut.exr", "-o", "out.exr", expect=3).says("cut.exr")
+        self.assertEqual(self.files(), ["cut.exr", "out.exr"])
+        self.assertEqual(self.path("out.exr").read_bytes(), b"old")
+
+    def test_not_what_it_was_said_to_be(self):
+        write_constant(self.path("in.exr"), 1, 30, 10)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--from", "cube", expect=3).says("in.exr")
+        self.run_tool("convert", "in.exr", "-o", "out.exr", expect=3).says("in.exr")
+        self.assertEqual(self.files(), ["in.exr"])
+
+    def test_ambiguity_lists_the_candidates(self):
+        write_constant(self.path("in.exr"), 1, 16, 16)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", expect=3).says("octahedral", "angular-map", "--from")
+
+    def test_too_many_pixels(self):
+        write_constant(self.path("in.exr"), 1, 64, 32)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--max-pixels", "2k", expect=6).says("in.exr", "--max-pixels")
+
+    def test_output_is_the_input(self):
+        write_constant(self.path("in.exr"))
+        os.link(self.path("in.exr"), self.path("link.exr"))
+        self.path("soft.exr").symlink_to("in.exr")
+        before = self.path("in.exr").read_bytes()
+        for name in ("in.exr", "./in.exr", "link.exr", "soft.exr", self.path("in.exr")):
+            self.run_tool("convert", "in.exr", "-o", name, expect=2).says("in.exr", "itself")
+        self.assertEqual(self.path("in.exr").read_bytes(), before)
+
+    def test_output_folder_missing_or_odd(self):
+        # Seen before the input is read: that is damaged.
+        self.path("in.exr").write_bytes(b"damaged")
+        self.path("folder").mkdir()
+        os.mkfifo(self.path("fifo.exr"))
+        self.run_tool("convert", "in.exr", "-o", "no/out.exr", expect=4).says("no/out.exr", "create")
+        self.run_tool("convert", "in.exr", "-o", "in.exr/out.exr", expect=4)
+        self.run_tool("convert", "in.exr", "-o", "folder", expect=2).says("is a folder")
+        self.run_tool("convert", "in.exr", "-o", "fifo.exr", expect=2).says("not a regular file")
+
+    def test_interrupted(self):
+        shutil.copy(PANORAMAS / "city.exr", self.path("in.exr"))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            tool = subprocess.Popen([BINARY, "convert", "in.exr", "-o", "out.exr", "--size", "3000", "-j", "1"],
+                                    cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            time.sleep(0.4)
+            self.assertIsNone(tool.poll(), "the conversion was over before the signal")
+            tool.send_signal(number)
+            tool.communicate(timeout=10)
+            self.assertEqual(tool.returncode, -number)
+            self.assertEqual(self.files(), ["in.exr"])
+
+
+class Streams(Case):
+    def test_a_reader_that_goes_away(self):
+        write_constant(self.path("in.exr"))
+        read_end, write_end = os.pipe()
+        os.close(read_end)
+        done = subprocess.run([BINARY, "convert", "in.exr", "-o", "out.exr", "--json"], cwd=self.folder,
+                              stdout=write_end, stderr=subprocess.PIPE)
+        os.close(write_end)
+        self.assertEqual((done.returncode, done.stderr), (0, b""))
+        self.assertIn("out.exr", self.files())
+
+    def test_full_disk_behind_stdout(self):
+        with open("/dev/full", "wb") as full:
+            done = subprocess.run([BINARY, "layouts"], stdout=full, stderr=subprocess.PIPE)
+        self.assertEqual(done.returncode, 4)
+        self.assertIn(b"standard output", done.stderr)
+
+    def test_results_and_talk_are_apart(self):
+        write_constant(self.path("in.exr"), float("inf"))
+        report = self.json("convert", "in.exr", "-o", "out.exr", "-v")
+        self.says("warning: ", "to cube")
+        self.assertEqual(report["output"], "out.exr")
+        self.assertIsNone(report["error"])
+        self.assertEqual(len(report["warnings"]), 1)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--json", "-q")
+        self.assertEqual(self.err, "")
+
+    def test_errors_are_in_the_json_too(self):
+        self.path("in.exr").write_bytes(b"damaged")
+        report = self.json("convert", "in.exr", "-o", "out.exr", expect=3)
+        self.assertIn("in.exr", report["error"])
+        self.assertEqual(report["status"], 3)
+
+    def test_progress_only_when_asked_or_on_a_terminal(self):
+        write_constant(self.path("in.exr"))
+        done = subprocess.run([BINARY, "convert", "in.exr", "-o", "out.exr", "--progress", "always"], cwd=self.folder,
+                              capture_output=True)
+        self.assertEqual((done.returncode, done.stdout), (0, b""))
+        self.assertIn(b"%", done.stderr)
+        self.assertTrue(done.stderr.endswith(b"\r\x1b[K"), "the bar is left on the screen")
+
+    def test_comma_locale(self):
+        write_constant(self.path("in.exr"))
+        env = {**os.environ, "LC_ALL": "de_DE.UTF-8"}
+        self.run_tool("convert", "in.exr", "-o", "a.exr", "--exposure", "0.5", "--json", env=env)
+        self.assertIn('"seconds":0.', self.out)
+
+    def test_names_are_taken_literally(self):
+        for name in ("a b.exr", "-dash.exr", "%04d.exr", "hash#.exr", "ümlaut.exr", "q?x=1.exr"):
+            write_constant(self.path(name))
+            self.run_tool("convert", "-o", "out.exr", "--", name).is_silent()
+            self.run_tool("convert", "in.exr" if name == "x" else f"./{name}", "-o", f"./o{name}").is_silent()
+            self.assertIn(f"o{name}", self.files())
+
+
+class DryRun(Case):
+    def test_nothing_is_written(self):
+        write_constant(self.path("in.exr"), 1, 64, 32)
+        out = self.run_tool("convert", "in.exr", "-o", "out.exr", "--dry-run").out
+        for part in ("latlong 64x32", "cube", "out.exr", "MB"):
+            self.assertIn(part, out)
+        plan = self.json("convert", "in.exr", "-o", "sky_{face}_{size}.exr", "--dry-run")
+        self.assertEqual(plan["source"]["layout"], "latlong")
+        self.assertEqual(plan["files"][0], f"sky_px_{plan['size']}.exr")
+        self.assertGreater(plan["peak_bytes"], 64 * 32 * 3 * 4)
+        self.assertEqual(self.files(), ["in.exr"])
+
+
+if __name__ == "__main__":
+    unittest.main()

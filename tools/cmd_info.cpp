@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+// envconv info: what a file is, and what is in it.
+#include <memory>
+#include <new>
+#include <nlohmann/json.hpp>
+
+#include "image.h"
+#include "input.h"
+#include "pixels.h"
+#include "text.h"
+
+namespace envconv::tool {
+namespace {
+
+using nlohmann::ordered_json;
+
+struct InfoOptions {
+  InputOptions input;
+  int threads = 0;
+  bool json = false;
+};
+
+// All that is told of one file.
+struct Facts {
+  PictureFile file;  ///< its pixels have been moved out
+  std::vector<Size> sizes;
+  std::vector<ChannelStatistics> statistics;
+  bool recognised = false;
+  Recognition recognition;
+  std::string why_not;  ///< when it was not recognised
+  std::vector<double> mean;
+  std::vector<std::string> warnings;
+};
+
+Result<Facts> collect(const InfoOptions& o, const std::string& name) {
+  const Input input = input_named(name, o.input.hints);
+  ENVCONV_CHECK(check_readable(input));
+  ReadOptions read = o.input.read;
+  read.threads = o.threads;
+  Facts facts;
+  ENVCONV_TRY(facts.file, read_input(input, read));
+  if (facts.file.pictures.empty()) return Error{ErrorCode::input, name + ": holds no picture"};
+  for (const Picture& picture : facts.file.pictures) {
+    facts.sizes.push_back({picture.image.width(), picture.image.height()});
+    if (picture.channels == facts.file.pictures.front().channels) add_statistics(picture.image, facts.statistics);
+  }
+  facts.warnings = facts.file.warnings;
+  Result<Recognition> recognition = recognize_input(input, facts.file, o.input.hints);
+  const bool told = o.input.hints.layout || o.input.hints.packing || o.input.hints.frame;
+  if (!recognition) {
+    if (told) return recognition.error();  // the file is not what it was said to be
+    facts.why_not = recognition.error().message;
+    return facts;
+  }
+  facts.recognition = *recognition;
+  facts.recognised = true;
+  facts.warnings.insert(facts.warnings.end(), recognition->warnings.begin(), recognition->warnings.end());
+  PictureFile pixels = std::move(facts.file);
+  facts.file = {pixels.path, pixels.format, pixels.compression, pixels.color, pixels.levels, {}, pixels.metadata, {}};
+  for (const Picture& picture : pixels.pictures) {
+    facts.file.pictures.push_back({picture.name, {}, picture.channels, picture.type});
+  }
+  ENVCONV_TRY(const EnvImage image, to_environment(std::move(pixels), facts.recognition));
+  facts.mean = mean_radiance(image);
+  return facts;
+}
+
+ordered_json json_of(const std::string& name, const Facts& f) {
+  const Picture& first = f.file.pictures.front();
+  const Recognition& r = f.recognition;
+  ordered_json json{{"file", name}};
+  json["format"] = f.file.format;
+  json["compression"] = f.file.compression;
+  json["color"] = f.file.color;
+  json["type"] = name_of(first.type);
+  json["width"] = f.sizes.front().width;
+  json["height"] = f.sizes.front().height;
+  json["levels"] = f.file.levels;
+  json["parts"] = f.file.pictures.size();
+  json["layout"] = f.recognised ? ordered_json(r.layout->name()) : ordered_json();
+  json["how"] = f.recognised ? r.how : f.why_not;
+  if (f.recognised) {
+    json["packing"] = r.packing->name;
+    json["frame"] = r.frame->name;
+    json["rotation"] = {r.rotation.yaw, r.rotation.pitch, r.rotation.roll};
+    json["size"] = r.height;
+    ordered_json faces = ordered_json::array();
+    for (int i = 0; i < r.layout->face_count(); ++i) {
+      const Size size = face_size(*r.layout, i, r.height);
+      faces.push_back({{"name", r.layout->info().faces[static_cast<std::size_t>(i)].name},
+                       {"width", size.width},
+                       {"height", size.height}});
+    }
+    json["faces"] = faces;
+  }
+  ordered_json channels = ordered_json::array();
+  for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
+    const ChannelStatistics& s = f.statistics[c];
+    ordered_json channel{{"name", first.channels.names[c]}};
+    channel["min"] = s.finite ? ordered_json(s.min) : ordered_json();
+    channel["max"] = s.finite ? ordered_json(s.max) : ordered_json();
+    channel["mean"] = c < f.mean.size() ? ordered_json(f.mean[c]) : ordered_json();
+    channel["nan"] = s.nan;
+    channel["inf"] = s.infinite;
+    channel["negative"] = s.negative;
+    channels.push_back(channel);
+  }
+  json["channels"] = channels;
+  json["warnings"] = f.warnings;
+  return json;
+}
+
+std::string text_of(const std::string& name, const Facts& f) {
+  const Picture& first = f.file.pictures.front();
+  const Recognition& r = f.recognition;
+  std::string out = name + "\n";
+  auto line = [&](const std::string& key, const std::string& value) {
+    out += "  " + key + std::string(13 - key.size(), ' ') + value + "\n";
+  };
+  if (f.recognised) {
+    line("layout", std::string(r.layout->name()) + ", " + r.how);
+    line("packing", std::string(r.packing->name));
+    line("frame", std::string(r.frame->name));
+    if (r.rotation != Rotation{}) {
+      line("rotation", number_text(r.rotation.yaw, 9) + "," + number_text(r.rotation.pitch, 9) + "," +
+                           number_text(r.rotation.roll, 9) + " degrees, in the pixels already");
+    }
+    const Size size = face_size(*r.layout, 0, r.height);
+    line("faces", std::to_string(r.layout->face_count()) + " of " + std::to_string(size.width) + "x" +
+                      std::to_string(size.height) + (r.layout->info().faces.size() > 1 ? " (the first)" : ""));
+    line("size", std::to_string(r.height));
+  } else {
+    line("layout", "not recognised: " + f.why_not);
+  }
+  line("image", std::to_string(f.sizes.front().width) + "x" + std::to_string(f.sizes.front().height) +
+                    (f.sizes.size() > 1 ? ", " + std::to_string(f.sizes.size()) + " pictures" : ""));
+  line("levels", std::to_string(f.file.levels));
+  std::string channels;
+  for (const std::string& channel : first.channels.names) channels += (channels.empty() ? "" : " ") + channel;
+  line("channels", channels);
+  line("type", std::string(name_of(first.type)));
+  line("format", f.file.format + (f.file.compression.empty() ? "" : ", " + f.file.compression));
+  line("colour", f.file.color);
+  std::vector<std::vector<std::string>> rows{{"channel", "min", "max", "mean", "NaN", "Inf", "negative"}};
+  for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
+    const ChannelStatistics& s = f.statistics[c];
+    rows.push_back({first.channels.names[c], s.finite ? number_text(s.min, 6) : "-",
+                    s.finite ? number_text(s.max, 6) : "-", c < f.mean.size() ? number_text(f.mean[c], 6) : "-",
+                    std::to_string(s.nan), std::to_string(s.infinite), std::to_string(s.negative)});
+  }
+  const std::string cells = table(rows);
+  for (std::size_t at = 0; at < cells.size();) {
+    const std::size_t end = cells.find('\n', at);
+    out += "  " + cells.substr(at, end - at + 1);
+    at = end + 1;
+  }
+  return out;
+}
+
+int run(const InfoOptions& o, const std::vector<std::string>& names) {
+  ordered_json list = ordered_json::array();
+  int status = 0;
+  bool first = true;
+  for (const std::string& name : names) {
+    Result<Facts> facts = [&]() -> Result<Facts> {
+      try {
+        return collect(o, name);
+      } catch (const std::bad_alloc&) {
+        return Error{ErrorCode::limit, name + ": not enough memory"};
+      }
+    }();
+    if (!facts) {
+      // The other files are told of all the same; the first failure gives the status.
+      const int failed = fail(facts.error());
+      if (status == 0) status = failed;
+      list.push_back({{"file", name}, {"error", facts.error().message}});
+      continue;
+    }
+    for (const std::string& warning : facts->warnings) warn(name, warning);
+    if (o.json) {
+      list.push_back(json_of(name, *facts));
+    } else {
+      print((first ? "" : "\n") + text_of(name, *facts));
+      first = false;
+    }
+  }
+  if (o.json) {
+    const ordered_json& result = names.size() == 1 ? list.front() : list;
+    print(result.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n");
+  }
+  return status;
+}
+
+}  // namespace
+
+Command info_command() {
+  auto options = std::make_shared<InfoOptions>();
+  Command command{.name = "info",
+                  .summary = "what a file is, and what is in it",
+                  .operands = "FILE...",
+                  .min_operands = 1,
+                  .description =
+                      "Prints the layout of each FILE and how it was recognised, its packing, frame, faces "
+                      "and size, the image's levels, channels, type, format and colour, and for each "
+                      "channel the range of its finite values, the mean over the sphere (weighted by solid "
+                      "angle), and how many values are NaN, infinite or negative.  Values are linear.",
+                  .reads_files = true};
+  add_input_options(command, options->input);
+  command.options.push_back(in_group(
+      switch_option("--json", options->json, "one JSON object on stdout, or an array of them for several files"),
+      "General"));
+  add_general_options(command, options->threads);
+  command.run = [options](const std::vector<std::string>& names) { return run(*options, names); };
+  return command;
+}
+
+}  // namespace envconv::tool

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// Conversion in three steps: options as typed, a plan that is pure data, and the work.  Whatever can be found wrong
+// without reading a pixel is found by the plan.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "input.h"
+#include "io.h"
+#include "options.h"
+#include "output_name.h"
+#include "resample.h"
+
+namespace envconv::tool {
+
+/// Bounds of --size: the size of a face that any consumer can hold, with room to spare.
+inline constexpr int least_size = 1, largest_size = 65536;
+
+/// What becomes of NaN and infinity.
+enum class Nonfinite { error, zero, clamp, repair };
+
+/// The options of `convert`.
+struct ConvertOptions {
+  InputOptions input;
+  std::string output;
+  const Layout* layout = nullptr;    ///< nullptr: cube
+  const Packing* packing = nullptr;  ///< nullptr: the layout's own
+  const Frame* frame = nullptr;      ///< nullptr: world
+  Rotation rotation;
+  int size = 0;             ///< 0: auto
+  std::int64_t texels = 0;  ///< 0: not given
+  const Filter* filter = nullptr;
+  int samples = 0;
+  WriteOptions write;  ///< type_given tells whether --type was
+  bool drop_alpha = false;
+  double exposure = 0;
+  Nonfinite nonfinite = Nonfinite::repair;
+  int threads = 0;
+  bool skip_existing = false, keep_going = false, dry_run = false, json = false;
+  std::string progress = "auto";
+};
+
+/// One input and its outputs.
+struct Job {
+  Input input;
+  std::string output;              ///< as it is named in messages: for face files with {face} left in
+  std::vector<std::string> paths;  ///< files to write: one, or one per face
+  std::optional<Error> error;      ///< found while planning; set only with keep_going
+};
+
+/// What will be done.
+struct ConvertPlan {
+  ConvertOptions options;  ///< with layout, packing and frame filled in
+  std::vector<Job> jobs;
+};
+
+/// Makes the plan and checks all of it.
+Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs);
+
+/// What an input is and what it will become; all that a header tells.
+struct Shape {
+  Recognition source;
+  Size image;  ///< of the input's first picture
+  int channels = 0;
+  int height = 0;  ///< of the output's face 0
+  std::vector<Size> faces;
+  std::size_t peak_bytes = 0;  ///< of pixels, held at one time
+};
+/// Errors: limit when the output would be too large.
+Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file);
+/// The same from the file's header alone.
+Result<Shape> read_shape(const ConvertPlan& plan, const Job& job);
+
+/// What was done.
+struct Outcome {
+  Shape shape;
+  bool skipped = false;
+  PixelType type = PixelType::half;
+  std::vector<std::string> warnings;
+};
+/// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work
+/// proper starts.
+Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
+                        const std::function<bool(double)>& progress);
+
+}  // namespace envconv::tool

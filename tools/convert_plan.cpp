@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <map>
+#include <set>
+
+#include "analyze.h"
+#include "convert.h"
+#include "text.h"
+
+namespace envconv::tool {
+namespace {
+
+namespace fs = std::filesystem;
+using FileId = std::pair<dev_t, ino_t>;
+
+Error usage(const std::string& text) { return {ErrorCode::usage, text}; }
+
+// Two spellings of one path give the same text; the file need not exist.
+std::string canonical(const std::string& path) {
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(fs::absolute(path, error), error);
+  return error ? path : whole.string();
+}
+
+Result<Ok> fill_in(ConvertOptions& o) {
+  if (!o.layout) o.layout = find_layout("cube");
+  if (!o.frame) o.frame = find_frame("world");
+  if (o.size && o.texels) return usage("--size and --texels: only one of them can be given");
+  if (!o.packing) {
+    // A name for every face asks for a file for every face.
+    const bool per_face =
+        o.output.find("{face}") != std::string::npos || o.output.find("{face_index}") != std::string::npos;
+    o.packing = per_face ? find_packing("files") : &default_packing(*o.layout);
+  }
+  if (!packs(*o.packing, *o.layout)) {
+    std::vector<std::string_view> possible;
+    for (const Packing& packing : all_packings()) {
+      if (packs(packing, *o.layout)) possible.push_back(packing.name);
+    }
+    return Error{ErrorCode::unsupported, "--packing: '" + std::string(o.packing->name) + "' cannot hold " +
+                                             std::string(o.layout->name()) + " (which can be packed as " +
+                                             joined(possible) + ")"};
+  }
+  return Ok{};
+}
+
+Result<OutputName> parse_output(const ConvertOptions& o, std::size_t inputs) {
+  if (o.output.empty()) return usage("--output: missing (say where to write with -o PATH)");
+  const bool per_face = o.packing->name == "files";
+  ENVCONV_TRY(OutputName name, OutputName::parse(o.output, per_face));
+  const bool has_face = name.uses("face") || name.uses("face_index");
+  if (per_face && !has_face) {
+    return usage("--output: '" + o.output + "' has no {face}, which tells the files of --packing files apart");
+  }
+  if (!per_face && has_face) {
+    return usage("--output: {face} is for --packing files, and --packing is " + std::string(o.packing->name));
+  }
+  if (inputs > 1 && !name.uses("stem") && !name.uses("index") && !name.uses("dir")) {
+    return usage("--output: '" + o.output + "' would be written by all of " + std::to_string(inputs) +
+                 " inputs (use {stem} or {index} in it, or a folder's name that ends in '/')");
+  }
+  return name;
+}
+
+// The job's output names.  {size} may need the input's header.
+Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, int index, Job& job) {
+  const ConvertOptions& o = plan.options;
+  NameFields fields = fields_of_input(job.input.name);
+  fields.layout = o.layout->name();
+  fields.index = index;
+  fields.size = o.size ? o.size : o.texels ? height_for_texels(*o.layout, o.texels) : 0;
+  if (name.uses("size") && fields.size == 0) {
+    ENVCONV_TRY(const Shape shape, read_shape(plan, job));
+    fields.size = shape.height;
+  }
+  if (o.packing->name != "files") {
+    job.output = name.expand(fields);
+    job.paths = {job.output};
+    return Ok{};
+  }
+  for (int face = 0; face < o.layout->face_count(); ++face) {
+    fields.face = o.layout->info().faces[static_cast<std::size_t>(face)].name;
+    fields.face_index = face;
+    job.paths.push_back(name.expand(fields));
+  }
+  fields.face = "{face}";
+  job.output = name.uses("face") ? name.expand(fields) : job.paths.front();
+  return Ok{};
+}
+
+// An existing output must be a plain file that is no input; a new one needs its folder.
+Result<Ok> check_place(const std::string& path, const std::map<FileId, std::string>& inputs) {
+  struct stat status;
+  if (stat(path.c_str(), &status) == 0) {
+    const auto input = inputs.find({status.st_dev, status.st_ino});
+    if (input != inputs.end()) {
+      return usage(path + ": is the input " + input->second + " itself (choose another output)");
+    }
+    if (S_ISDIR(status.st_mode)) return usage(path + ": is a folder (end its name with '/' to write into it)");
+    if (!S_ISREG(status.st_mode)) return usage(path + ": is not a regular file (choose another output)");
+    return Ok{};
+  }
+  const fs::path parent = fs::path(path).parent_path();
+  const std::string folder = parent.empty() ? "." : parent.string();
+  if (stat(folder.c_str(), &status) != 0) {
+    return Error{ErrorCode::output,
+                 path + ": cannot be written: folder " + folder + ": " + std::strerror(errno) + " (create it first)"};
+  }
+  if (!S_ISDIR(status.st_mode))
+    return Error{ErrorCode::output, path + ": cannot be written: " + folder + " is no folder"};
+  return Ok{};
+}
+
+Result<Ok> check_outputs(const ConvertPlan& plan) {
+  std::map<FileId, std::string> inputs;
+  for (const Job& job : plan.jobs) {
+    for (const std::string& path : job.input.paths) {
+      struct stat status;
+      if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = path;
+    }
+  }
+  std::map<std::string, std::string> writers;
+  const int parts = plan.options.packing->name == "parts" ? plan.options.layout->face_count() : 1;
+  for (const Job& job : plan.jobs) {
+    if (job.error) continue;
+    for (const std::string& path : job.paths) {
+      const auto [other, is_new] = writers.emplace(canonical(path), job.input.name);
+      if (!is_new) {
+        return usage(path + ": would be written twice, for " + other->second + " and for " + job.input.name +
+                     " (use {dir}, {index} or {face} in --output to tell them apart)");
+      }
+      ENVCONV_CHECK(check_place(path, inputs));
+      ENVCONV_CHECK(can_write(path, plan.options.write, parts, 3));
+    }
+  }
+  return Ok{};
+}
+
+}  // namespace
+
+Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
+  ENVCONV_CHECK(fill_in(options));
+  ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
+  ConvertPlan plan{std::move(options), {}};
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    Job job;
+    job.input = input_named(inputs[i], plan.options.input.hints);
+    Result<Ok> good = check_readable(job.input);
+    if (good) good = name_outputs(plan, name, static_cast<int>(i), job);
+    if (!good) {
+      if (!plan.options.keep_going || inputs.size() == 1) return good.error();
+      job.error = good.error();
+    }
+    plan.jobs.push_back(std::move(job));
+  }
+  ENVCONV_CHECK(check_outputs(plan));
+  return plan;
+}
+
+Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file) {
+  const ConvertOptions& o = plan.options;
+  Shape shape;
+  ENVCONV_TRY(shape.source, recognize_input(job.input, file, o.input.hints));
+  std::size_t source_values = 0;
+  for (const Picture& picture : file.pictures) source_values += picture.image.value_count();
+  shape.image = {file.pictures.front().image.width(), file.pictures.front().image.height()};
+  shape.channels = file.pictures.front().channels.count();
+  shape.height = o.size     ? o.size
+                 : o.texels ? height_for_texels(*o.layout, o.texels)
+                            : matching_height(*shape.source.layout, shape.source.height, *o.layout);
+  std::size_t texels = 0;
+  for (int face = 0; face < o.layout->face_count(); ++face) {
+    const Size size = face_size(*o.layout, face, shape.height);
+    // Twice, since a lat-long is twice as wide as it is high.
+    if (shape.height > largest_size || size.width > 4 * largest_size) {
+      return Error{ErrorCode::limit, job.input.name + ": the output's faces would be " + std::to_string(size.width) +
+                                         "x" + std::to_string(size.height) + " (choose a smaller one with --size)"};
+    }
+    shape.faces.push_back(size);
+    texels += static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
+  }
+  // The source as read and as faces; then its faces, the result and the result packed.
+  const std::size_t result = texels * static_cast<std::size_t>(shape.channels);
+  shape.peak_bytes = sizeof(float) * (source_values + std::max(source_values, 2 * result));
+  return shape;
+}
+
+Result<Shape> read_shape(const ConvertPlan& plan, const Job& job) {
+  ReadOptions read = plan.options.input.read;
+  read.header_only = true;
+  ENVCONV_TRY(const PictureFile file, read_input(job.input, read));
+  if (file.pictures.empty()) return Error{ErrorCode::input, job.input.name + ": holds no picture"};
+  return shape_of(plan, job, file);
+}
+
+}  // namespace envconv::tool

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <filesystem>
+#include <new>
+
+#include "convert.h"
+#include "pixels.h"
+#include "text.h"
+
+namespace envconv::tool {
+namespace {
+
+// "1 value is", "2 values are"
+std::string counted(std::int64_t n) { return std::to_string(n) + (n == 1 ? " value is" : " values are"); }
+
+// The rotation whose matrix is rotation_matrix(second) * rotation_matrix(first).
+Rotation composed(const Rotation& first, const Rotation& second) {
+  if (first == Rotation{}) return second;
+  if (second == Rotation{}) return first;
+  // M = Y(yaw) X(pitch) Z(roll); its second row is (cos p sin r, cos p cos r, -sin p), its third column
+  // (cos p sin y, -sin p, cos p cos y).
+  const std::array<double, 9> m = (rotation_matrix(second) * rotation_matrix(first)).m;
+  constexpr double degrees = 180 / 3.14159265358979323846;
+  Rotation r;
+  r.pitch = degrees * std::asin(std::fmin(1, std::fmax(-1, -m[5])));
+  if (std::abs(m[5]) < 1 - 1e-12) {
+    r.yaw = degrees * std::atan2(m[2], m[8]);
+    r.roll = degrees * std::atan2(m[3], m[4]);
+  } else {
+    r.yaw = degrees * std::atan2(-m[6], m[0]);  // looking straight up or down, roll is yaw
+  }
+  for (double* angle : {&r.yaw, &r.pitch, &r.roll}) *angle = std::round(*angle * 1e9) / 1e9 + 0.0;
+  return r;
+}
+
+// True when every output of the job is there and can be read to its end.
+bool is_complete(const ConvertPlan& plan, const Job& job) {
+  for (const std::string& path : job.paths) {
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) return false;
+    if (!read_pictures(path, plan.options.input.read)) return false;
+  }
+  return true;
+}
+
+Result<Ok> treat_nonfinite(const ConvertPlan& plan, const Job& job, EnvImage& image,
+                           std::vector<std::string>& warnings) {
+  std::int64_t count = 0;
+  for (const Image& face : image.faces) count += count_nonfinite(face);
+  if (count == 0) return Ok{};
+  const std::string what = counted(count) + " NaN or infinite";
+  std::string done;
+  switch (plan.options.nonfinite) {
+    case Nonfinite::error:
+      return Error{ErrorCode::input, job.input.name + ": " + what + " (--nonfinite repair, zero or clamp goes on)"};
+    case Nonfinite::zero:
+      for (Image& face : image.faces) zero_nonfinite(face);
+      done = "set to 0";
+      break;
+    case Nonfinite::clamp:
+      for (Image& face : image.faces) clamp_nonfinite(face);
+      done = "clamped";
+      break;
+    case Nonfinite::repair:
+      for (Image& face : image.faces) repair_nonfinite(face);
+      done = "replaced by the mean of the neighbours";
+      break;
+  }
+  warnings.push_back(what + ": " + done + " (--nonfinite says what to do)");
+  return Ok{};
+}
+
+void change_values(const ConvertOptions& o, EnvImage& image) {
+  if (o.drop_alpha && image.channels.alpha >= 0 && image.channels.count() > 1) {
+    for (Image& face : image.faces) face = without_channel(face, image.channels.alpha);
+    image.channels.names.erase(image.channels.names.begin() + image.channels.alpha);
+    image.channels.alpha = -1;
+  }
+  if (o.exposure != 0) {
+    const auto factor = static_cast<float>(std::exp2(o.exposure));
+    for (Image& face : image.faces) scale_color(face, image.channels.alpha, factor);
+  }
+}
+
+// The pictures of each file to write.
+Result<std::vector<std::vector<Picture>>> pictures_of(const ConvertOptions& o, EnvImage image, PixelType type) {
+  std::vector<std::vector<Picture>> files;
+  if (o.packing->name == "files" || o.packing->name == "parts") {
+    std::vector<Picture> pictures;
+    for (std::size_t i = 0; i < image.faces.size(); ++i) {
+      const std::string face(image.layout->info().faces[i].name);
+      pictures.push_back({face, std::move(image.faces[i]), image.channels, type});
+    }
+    if (o.packing->name == "parts") {
+      files.push_back(std::move(pictures));
+      return files;
+    }
+    for (Picture& picture : pictures) {
+      picture.name.clear();
+      files.emplace_back().push_back(std::move(picture));
+    }
+    return files;
+  }
+  ENVCONV_TRY(Image packed, pack(*image.layout, *o.packing, std::move(image.faces)));
+  files.emplace_back().push_back({"", std::move(packed), image.channels, type});
+  return files;
+}
+
+// What the format could not hold, in words.
+void warn_of(const WriteReport& report, const std::string& path, std::vector<std::string>& warnings) {
+  const std::string format = std::string(name_of(report.type)) + " " + std::filesystem::path(path).extension().string();
+  if (report.clamped_high > 0) {
+    warnings.push_back(counted(report.clamped_high) + " too large for " + format + ": clamped");
+  }
+  if (report.clamped_negative > 0) {
+    warnings.push_back(counted(report.clamped_negative) + " negative, which " + format + " cannot hold: set to 0");
+  }
+  if (report.nonfinite > 0) warnings.push_back(counted(report.nonfinite) + " NaN or infinite in the result: replaced");
+  warnings.insert(warnings.end(), report.warnings.begin(), report.warnings.end());
+}
+
+// The nearest type that the format of `path` has: the source's own, another of its kind, or else what there is.
+PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels) {
+  using enum PixelType;
+  std::vector<PixelType> order{source};
+  if (source == half || source == float32) {
+    order.insert(order.end(), {float32, half, uint8, uint16});
+  } else if (source == uint8) {
+    order.insert(order.end(), {half, float32, uint16});
+  } else {
+    order.insert(order.end(), {uint16, half, float32, uint8});
+  }
+  write.type_given = true;
+  for (const PixelType type : order) {
+    write.type = type;
+    if (can_write(path, write, parts, channels)) return type;
+  }
+  return source;
+}
+
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const Rotation& rotation, PixelType source_type,
+                       EnvImage image, Outcome& outcome) {
+  const ConvertOptions& o = plan.options;
+  WriteOptions write = o.write;
+  write.threads = o.threads;
+  write.metadata = metadata_of(*o.layout, *o.packing, *o.frame, rotation);
+  const int channels = image.channels.count();
+  if (!write.type_given) {
+    const int parts = o.packing->name == "parts" ? o.layout->face_count() : 1;
+    write.type = nearest_type(job.paths.front(), source_type, write, parts, channels);
+    write.type_given = true;
+  }
+  ENVCONV_TRY(const auto files, pictures_of(o, std::move(image), write.type));
+  for (const std::string& path : job.paths) {
+    ENVCONV_CHECK(can_write(path, write, static_cast<int>(files.front().size()), channels));
+  }
+  WriteReport total;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    ENVCONV_TRY(const WriteReport report, write_pictures(job.paths[i], files[i], write));
+    total.type = report.type;
+    total.clamped_high += report.clamped_high;
+    total.clamped_negative += report.clamped_negative;
+    total.nonfinite += report.nonfinite;
+    if (i == 0) total.warnings = report.warnings;
+  }
+  outcome.type = total.type;
+  warn_of(total, job.paths.front(), outcome.warnings);
+  return Ok{};
+}
+
+Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
+                        const std::function<bool(double)>& progress) {
+  const ConvertOptions& o = plan.options;
+  Outcome outcome;
+  if (o.skip_existing && is_complete(plan, job)) {
+    outcome.skipped = true;
+    return outcome;
+  }
+  ReadOptions read = o.input.read;
+  read.threads = o.threads;
+  ENVCONV_TRY(PictureFile file, read_input(job.input, read));
+  if (file.pictures.empty()) return Error{ErrorCode::input, job.input.name + ": holds no picture"};
+  ENVCONV_TRY(outcome.shape, shape_of(plan, job, file));
+  outcome.warnings = file.warnings;
+  const Recognition& source = outcome.shape.source;
+  outcome.warnings.insert(outcome.warnings.end(), source.warnings.begin(), source.warnings.end());
+  const PixelType source_type = file.pictures.front().type;
+
+  ENVCONV_TRY(EnvImage image, to_environment(std::move(file), source));
+  ENVCONV_CHECK(treat_nonfinite(plan, job, image, outcome.warnings));
+  change_values(o, image);
+
+  ResampleOptions resample_options;
+  resample_options.layout = o.layout;
+  resample_options.height = outcome.shape.height;
+  resample_options.placement = o.layout->info().placement;
+  resample_options.consumer_from_world = o.frame->consumer_from_world;
+  resample_options.rotation = o.rotation;
+  resample_options.filter = o.filter;
+  resample_options.samples = o.samples;
+  resample_options.threads = o.threads;
+  resample_options.progress = progress;
+  begin(static_cast<double>(texel_count(*o.layout, outcome.shape.height)));
+  ENVCONV_TRY(EnvImage result, resample(image, resample_options));
+  image = {};
+
+  const Rotation rotation = composed(source.rotation, o.rotation);
+  ENVCONV_CHECK(write_files(plan, job, rotation, source_type, std::move(result), outcome));
+  return outcome;
+}
+
+}  // namespace
+
+Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
+                        const std::function<bool(double)>& progress) {
+  if (job.error) return *job.error;
+  try {
+    return convert(plan, job, begin, progress);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::limit, job.input.name + ": not enough memory (choose a smaller --size)"};
+  }
+}
+
+}  // namespace envconv::tool

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tool's main(): finds the verb, parses, runs, and turns errors into exit statuses.
+#include <fcntl.h>
+#include <hwy/targets.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <exception>
+
+#include "command.h"
+#include "generate.h"
+#include "io.h"
+#include "output_file.h"
+#include "text.h"
+
+namespace envconv::tool {
+namespace {
+
+// Unfinished outputs go, then the signal does what it would have done.
+void on_signal(int signal_number) {
+  remove_temporaries();
+  struct sigaction plain = {};
+  plain.sa_handler = SIG_DFL;
+  sigaction(signal_number, &plain, nullptr);
+  raise(signal_number);  // delivered when the handler returns, which unblocks it
+}
+
+void watch_signals() {
+  struct sigaction action = {};
+  action.sa_handler = on_signal;
+  sigemptyset(&action.sa_mask);
+  for (const int signal_number : {SIGINT, SIGTERM, SIGHUP}) {
+    struct sigaction old = {};
+    sigaction(signal_number, nullptr, &old);
+    // What the caller had us ignore (nohup, say) stays ignored.
+    if (old.sa_handler != SIG_IGN) sigaction(signal_number, &action, nullptr);
+  }
+  // A reader of our output that goes away must not kill us in the middle of a file; write() says EPIPE instead.
+  std::signal(SIGPIPE, SIG_IGN);
+}
+
+// A file opened later must not get the number of a standard stream that the caller closed.
+void hold_standard_streams() {
+  for (int fd = 0; fd <= 2; ++fd) {
+    if (fcntl(fd, F_GETFD) != -1) continue;
+    // Read-only, so that output to a closed stream is still an error.
+    if (open("/dev/null", O_RDONLY) < 0) return;
+  }
+}
+
+std::string simd_target() {
+  // The lowest bit is the best target.
+  const auto usable = static_cast<long long>(hwy::SupportedTargets()) & HWY_TARGETS;
+  const long long best = usable & -usable;
+  return best ? hwy::TargetName(static_cast<decltype(hwy::SupportedTargets())>(best)) : "scalar";
+}
+
+std::string version_text() {
+  return std::string("envconv ") + ENVCONV_VERSION + "\nOpenEXR " + ENVCONV_OPENEXR_VERSION + "\nOpenImageIO " +
+         ENVCONV_OIIO_VERSION + " (loaded for formats other than OpenEXR and Radiance)\nSIMD " + simd_target() +
+         "\nLicence Apache-2.0\n";
+}
+
+int unknown_verb(const std::string& word) {
+  std::vector<std::string_view> names{"--help", "--version"};
+  for (const Command& command : all_commands()) names.push_back(command.name);
+  const std::string kind = word.starts_with('-') ? "option" : "verb";
+  complain(word + ": no such " + kind + did_you_mean(word, names) + " (see 'envconv --help')");
+  return static_cast<int>(ErrorCode::usage);
+}
+
+int run(std::vector<std::string> words) {
+  if (words.empty()) {
+    complain("a verb is missing (see 'envconv --help')");
+    return static_cast<int>(ErrorCode::usage);
+  }
+  const std::string verb = words.front();
+  words.erase(words.begin());
+  if (verb == "--help" || verb == "-h" || (verb == "help" && words.empty())) {
+    print(general_help());
+    return 0;
+  }
+  if (verb == "--version") {
+    print(version_text());
+    return 0;
+  }
+  if (verb == "help") return run({words.front(), "--help"});
+  if (verb == "--generate" && words.size() == 2) {
+    const Result<std::string> text = generate(words[0], words[1]);
+    if (!text) return fail(text.error());
+    print(*text);
+    return 0;
+  }
+  const Command* command = find_command(verb);
+  if (!command) return unknown_verb(verb);
+  const Result<Invocation> invocation = parse(*command, words);
+  if (!invocation) return fail(invocation.error());
+  if (invocation->help) {
+    print(command_help(*command));
+    return 0;
+  }
+  return command->run(invocation->operands);
+}
+
+}  // namespace
+}  // namespace envconv::tool
+
+int main(int argc, char** argv) {
+  using namespace envconv::tool;
+  hold_standard_streams();
+  std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
+  try {
+    const Command* command = words.empty() ? nullptr : find_command(words.front());
+    // Before any thread is made.
+    if (command && command->reads_files) envconv::start_isolated_reader();
+    watch_signals();
+    return finish_output(run(std::move(words)));
+  } catch (const std::exception& error) {
+    complain(std::string("a bug in envconv: ") + error.what());
+  } catch (...) {
+    complain("a bug in envconv");
+  }
+  return static_cast<int>(envconv::ErrorCode::internal);
+}

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "input.h"
+
+#include <sys/stat.h>
+
+#include <cerrno>
+#include <cstring>
+
+#include "layout.h"
+
+namespace envconv::tool {
+namespace {
+
+constexpr std::string_view face_field = "{face}";
+
+std::string with_face(const std::string& name, std::string_view face) {
+  std::string path = name;
+  for (std::size_t at = 0; (at = path.find(face_field, at)) != std::string::npos; at += face.size()) {
+    path.replace(at, face_field.size(), face);
+  }
+  return path;
+}
+
+}  // namespace
+
+Input input_named(const std::string& name, const InputHints& hints) {
+  struct stat status;
+  if (name.find(face_field) == std::string::npos || stat(name.c_str(), &status) == 0) return {name, {name}, nullptr};
+  Input input{name, {}, hints.layout ? hints.layout : find_layout("cube")};
+  for (const Face& face : input.layout->info().faces) input.paths.push_back(with_face(name, face.name));
+  return input;
+}
+
+Result<Ok> check_readable(const Input& input) {
+  for (const std::string& path : input.paths) {
+    struct stat status;
+    if (stat(path.c_str(), &status) != 0) {
+      std::string text = path + ": cannot be read: " + std::strerror(errno);
+      if (input.layout) text += " (the " + std::string(input.layout->name()) + "'s faces are wanted, one file each)";
+      return Error{ErrorCode::input, text};
+    }
+    if (!S_ISREG(status.st_mode)) return Error{ErrorCode::input, path + ": not a regular file"};
+  }
+  return Ok{};
+}
+
+Result<PictureFile> read_input(const Input& input, const ReadOptions& options) {
+  if (!input.layout) return read_pictures(input.paths.front(), options);
+  PictureFile all;
+  for (std::size_t i = 0; i < input.paths.size(); ++i) {
+    ENVCONV_TRY(PictureFile one, read_pictures(input.paths[i], options));
+    if (one.pictures.size() != 1) {
+      return Error{ErrorCode::input, input.paths[i] + ": holds " + std::to_string(one.pictures.size()) +
+                                         " pictures, where the one of a face was expected"};
+    }
+    Picture picture = std::move(one.pictures.front());
+    picture.name = input.layout->info().faces[i].name;
+    if (i == 0) {
+      all = std::move(one);
+      all.pictures.clear();
+      all.path = input.name;
+    } else {
+      all.warnings.insert(all.warnings.end(), one.warnings.begin(), one.warnings.end());
+      const Image& first = all.pictures.front().image;
+      const bool all_alike = input.layout->info().faces[i].aspect == input.layout->info().faces[0].aspect &&
+                             input.layout->info().faces[i].scale == input.layout->info().faces[0].scale;
+      if (all_alike && (picture.image.width() != first.width() || picture.image.height() != first.height())) {
+        return Error{ErrorCode::input, input.paths[i] + ": " + std::to_string(picture.image.width()) + "x" +
+                                           std::to_string(picture.image.height()) + ", where " + input.paths[0] +
+                                           " is " + std::to_string(first.width()) + "x" +
+                                           std::to_string(first.height())};
+      }
+      if (picture.channels != all.pictures.front().channels) {
+        return Error{ErrorCode::input, input.paths[i] + ": its channels are not those of " + input.paths[0]};
+      }
+    }
+    all.pictures.push_back(std::move(picture));
+  }
+  return all;
+}
+
+Result<Recognition> recognize_input(const Input& input, const PictureFile& file, const InputHints& hints) {
+  InputHints all = hints;
+  if (input.layout) {
+    if (!all.packing) all.packing = find_packing("files");
+    // Face names are shared by a family, so the metadata may know better than the default did.
+    if (!all.layout && !file.metadata.contains("envconv:layout")) all.layout = input.layout;
+  }
+  return recognize(file, all);
+}
+
+}  // namespace envconv::tool

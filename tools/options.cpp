@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "options.h"
+
+#include "resample.h"
+#include "text.h"
+
+namespace envconv::tool {
+namespace {
+
+template <class T>
+std::vector<std::string_view> names_of(std::span<const T> all) {
+  std::vector<std::string_view> names;
+  for (const T& one : all) {
+    if constexpr (requires { one.name(); }) {
+      names.push_back(one.name());
+    } else {
+      names.push_back(one.name);
+    }
+  }
+  return names;
+}
+
+std::string unknown(const std::string& value, std::string_view kind, const std::vector<std::string_view>& names) {
+  const std::string near = did_you_mean(value, names);
+  const std::string rest = near.empty() ? "; there are: " + joined(names) : near;
+  return "no " + std::string(kind) + " is called '" + value + "'" + rest;
+}
+
+// An option whose value is the name of something registered.
+template <class T>
+Option registry_option(std::string names, std::string value, std::string_view kind, const T*& target,
+                       std::vector<std::string_view> choices, const T* (*find)(std::string_view), std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.choices = choices;
+  option.set = [&target, kind, find, choices](const std::string& name) {
+    target = find(name);
+    return target ? std::string() : unknown(name, kind, choices);
+  };
+  return option;
+}
+
+}  // namespace
+
+std::vector<std::string_view> layout_names() { return names_of(all_layouts()); }
+std::vector<std::string_view> packing_names() { return names_of(all_packings()); }
+std::vector<std::string_view> frame_names() { return names_of(all_frames()); }
+std::vector<std::string_view> filter_names() { return names_of(all_filters()); }
+
+Option switch_option(std::string names, bool& target, std::string help) {
+  Option option{.names = std::move(names), .help = std::move(help)};
+  option.set = [&target](const std::string&) {
+    target = true;
+    return std::string();
+  };
+  return option;
+}
+
+Option text_option(std::string names, std::string value, std::string& target, std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.set = [&target](const std::string& text) {
+    target = text;
+    return text.empty() ? std::string("the value is empty") : std::string();
+  };
+  return option;
+}
+
+Option choice_option(std::string names, std::string value, std::string& target, std::vector<std::string_view> choices,
+                     std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.choices = choices;
+  option.set = [&target, choices](const std::string& text) {
+    target = text;
+    for (const std::string_view choice : choices) {
+      if (choice == text) return std::string();
+    }
+    return "'" + text + "' is not one of " + joined(choices);
+  };
+  return option;
+}
+
+Option integer_option(std::string names, std::string value, int& target, int least, int most, std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.set = [&target, least, most](const std::string& text) {
+    const auto number = parse_integer(text);
+    if (!number || *number < least || *number > most) {
+      return "'" + text + "' is not a whole number from " + std::to_string(least) + " to " + std::to_string(most);
+    }
+    target = static_cast<int>(*number);
+    return std::string();
+  };
+  return option;
+}
+
+Option count_option(std::string names, std::string value, std::int64_t& target, std::int64_t most, std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.set = [&target, most](const std::string& text) {
+    const auto number = parse_count(text);
+    if (!number || *number < 1 || *number > most) {
+      return "'" + text + "' is not a whole number (or one with k, M or G after it) from 1 to " + std::to_string(most);
+    }
+    target = *number;
+    return std::string();
+  };
+  return option;
+}
+
+Option layout_option(std::string names, const Layout*& target, std::string help) {
+  return registry_option<Layout>(std::move(names), "LAYOUT", "layout", target, layout_names(), find_layout,
+                                 std::move(help));
+}
+
+Option packing_option(std::string names, const Packing*& target, std::string help) {
+  return registry_option<Packing>(std::move(names), "PACKING", "packing", target, packing_names(), find_packing,
+                                  std::move(help));
+}
+
+Option frame_option(std::string names, const Frame*& target, std::string help) {
+  return registry_option<Frame>(std::move(names), "FRAME", "frame", target, frame_names(), find_frame, std::move(help));
+}
+
+Option in_group(Option option, std::string group, std::string initial) {
+  option.group = std::move(group);
+  option.initial = std::move(initial);
+  return option;
+}
+
+void add_input_options(Command& command, InputOptions& target) {
+  const std::string group = "Input";
+  auto add = [&](Option option, std::string initial) {
+    command.options.push_back(in_group(std::move(option), group, std::move(initial)));
+  };
+  add(layout_option("--from", target.hints.layout, "layout of the input"), "recognised");
+  add(packing_option("--from-packing", target.hints.packing, "how the input's faces lie in its image"), "recognised");
+  add(frame_option("--from-frame", target.hints.frame, "axes that the input was written for"), "recognised, or world");
+  add(count_option("--max-pixels", "N", target.read.max_pixels, std::int64_t{1} << 40,
+                   "refuse inputs that claim more pixels"),
+      "1073741824");
+  add(switch_option("--trust-input", target.read.trust_input,
+                    "decode in this process: faster for many small files, but a hostile file is not kept apart"),
+      "");
+}
+
+void add_general_options(Command& command, int& threads) {
+  const std::string group = "General";
+  command.options.push_back(
+      in_group(integer_option("-j,--threads", "N", threads, 0, 4096, "worker threads; 0 stands for all cores"), group,
+               "all cores"));
+  Option quiet{.names = "-q,--quiet", .help = "errors only: no warnings, no progress", .group = group};
+  quiet.set = [](const std::string&) {
+    set_verbosity(-1);
+    return std::string();
+  };
+  Option verbose{.names = "-v,--verbose", .help = "tell on stderr what is done", .group = group};
+  verbose.set = [](const std::string&) {
+    set_verbosity(1);
+    return std::string();
+  };
+  command.options.push_back(std::move(quiet));
+  command.options.push_back(std::move(verbose));
+}
+
+}  // namespace envconv::tool
