@@ -150,23 +150,23 @@ void Source::spread_highlights() {
   };
   std::vector<Deposit> deposits;
   constexpr int side = Highlights::side;
-  const auto sides = [&](int face, int x, int y, Vec3& d, Vec3& thin, double& wide_angle, double& thin_angle) {
+  // A texel's centre, the short one of its principal directions on the sphere, and both sides' angles.
+  const auto sides = [&](int face, double x, double y, Vec3& d, Vec3& thin, double& wide_angle, double& thin_angle) {
     const SourceFace& s = faces_[static_cast<std::size_t>(face)];
     const DirectionJet jet = layout_->direction_jet(face, u_from_texel(x - apron_, s.size.width, placement_),
                                                     u_from_texel(y - apron_, s.size.height, placement_));
     const Vec3 a = texel_extent(s.size.width, placement_) * jet.du,
                b = texel_extent(s.size.height, placement_) * jet.dv;
-    // Principal axes of the texel's parallelogram on the sphere.
     const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
     const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
     const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
     wide_angle = std::sqrt(0.5 * (aa + bb + root));
     thin_angle = std::sqrt(std::max(0.0, 0.5 * (aa + bb - root)));
-    const Vec3 wide = std::cos(angle) * a + std::sin(angle) * b;
     d = jet.d;
-    thin = cross(jet.d, wide);
+    thin = cross(jet.d, std::cos(angle) * a + std::sin(angle) * b);
     const double n = length(thin);
-    thin = n > 0 ? (1 / n) * thin : Vec3{0, 0, 0};
+    if (n > 0) thin = (1 / n) * thin;
+    return std::isfinite(n) && n > 0 && thin_angle > 1e-6 * wide_angle;
   };
   for (int f = 0; f < layout_->face_count(); ++f) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
@@ -183,10 +183,16 @@ void Source::spread_highlights() {
             if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
             Vec3 d, thin;
             double wide_angle, thin_angle;
-            sides(f, x, y, d, thin, wide_angle, thin_angle);
+            // Centred on a singular point (a pole), a texel has no sides there; a quarter of it further in it has.
+            if (!sides(f, x, y, d, thin, wide_angle, thin_angle)) {
+              const double in_x = x - apron_ < s.size.width / 2 ? 0.25 : -0.25;
+              const double in_y = y - apron_ < s.size.height / 2 ? 0.25 : -0.25;
+              if (!sides(f, x + in_x, y + in_y, d, thin, wide_angle, thin_angle)) continue;
+            }
             if (wide_angle <= sliver_ratio * thin_angle) continue;
-            const int n = std::min(longest_spread, static_cast<int>(wide_angle / std::max(thin_angle, 1e-12)));
+            const int n = static_cast<int>(std::min<double>(longest_spread, wide_angle / thin_angle));
             const double omega = texel_solid_angle(*layout_, f, x - apron_, y - apron_, s.size, placement_);
+            const std::size_t before = deposits.size();
             for (int k = 0; k < n; ++k) {
               const double t = (k - 0.5 * (n - 1)) * thin_angle;
               const Location at = layout_->locate(std::cos(t) * d + std::sin(t) * thin);
@@ -200,7 +206,7 @@ void Source::spread_highlights() {
               const float share = static_cast<float>(omega / (n * to));
               deposits.push_back({at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2], 0}});
             }
-            std::fill_n(e, 4, 0.0f);
+            if (deposits.size() > before) std::fill_n(e, 4, 0.0f);
           }
       }
   }
