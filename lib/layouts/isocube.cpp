@@ -66,7 +66,7 @@ struct isocube {
       const F down = select(t_major, copysign(major, t), minor);
       d = {x, face == 2 ? height : -height, face == 2 ? down : -down};
     } else {
-      const F at = abs(t);
+      const F at = min(abs(t), 4.0);  // over the pole and on; at 2 + sqrt 6 the other pole would be passed
       meridian(at, 2.0 - at, height, h);
       const F y = copysign(height, -t);
       sincos_turns(0.125 * s, sine, cosine);
