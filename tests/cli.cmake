@@ -8,6 +8,13 @@ foreach(test IN ITEMS usage convert batch info documents)
     "ENVCONV=$<TARGET_FILE:envconv_tool>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}")
 endforeach()
 
+# Against other programs, which must be there.
+add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/oracle_test.py)
+set(oracle_environment ENVCONV=$<TARGET_FILE:envconv_tool> ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}
+                       PYTHONPATH=${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
+set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT "${oracle_environment}")
+
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
          ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)
-set_tests_properties(install PROPERTIES LABELS install TIMEOUT 300)
+list(JOIN sanitize_options " " flags)  # the consumer's too; none but in builds with a sanitizer
+set_tests_properties(install PROPERTIES LABELS install TIMEOUT 300 ENVIRONMENT "CXXFLAGS=${flags}")

@@ -59,7 +59,10 @@ class Case(unittest.TestCase):
 
 
 def write_exr(path, width, height, pixel, channels="RGB", attributes=None):
-    """An uncompressed float OpenEXR file; pixel(x, y) gives the channels' values."""
+    """An uncompressed float OpenEXR file; pixel(x, y) gives the channels' values.
+
+    Attributes are texts, or pairs of a type and bytes.
+    """
     names = sorted(channels)
 
     def attribute(name, kind, data):
@@ -70,8 +73,8 @@ def write_exr(path, width, height, pixel, channels="RGB", attributes=None):
     head = struct.pack("<ii", 20000630, 2)
     head += attribute("channels", "chlist", chlist) + attribute("compression", "compression", b"\0")
     head += attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window)
-    for name, text in (attributes or {}).items():
-        head += attribute(name, "string", text.encode())
+    for name, value in (attributes or {}).items():
+        head += attribute(name, *(value if isinstance(value, tuple) else ("string", value.encode())))
     head += attribute("lineOrder", "lineOrder", b"\0") + attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
     head += attribute("screenWindowCenter", "v2f", struct.pack("<ff", 0, 0))
     head += attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
@@ -128,16 +131,20 @@ def read_exr(path):
 def write_png(path, width, height, pixel, bits=8):
     """A PNG file; pixel(x, y) gives (r, g, b), each 0 to 255 (or 65535 with 16 bits)."""
     code = "B" if bits == 8 else "H"
-    rows = b"".join(
-        b"\0" + b"".join(struct.pack(f">3{code}", *pixel(x, y)) for x in range(width)) for y in range(height)
-    )
+    rows = (b"".join(struct.pack(f">3{code}", *pixel(x, y)) for x in range(width)) for y in range(height))
+    write_png_rows(path, width, height, rows, bits)
 
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+def write_png_rows(path, width, height, rows, bits=8):
+    """A PNG file of RGB rows, each of them bytes."""
+    data = b"".join(b"\0" + row for row in rows)
+
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
     head = struct.pack(">IIBBBBB", width, height, bits, 2, 0, 0, 0)
     pathlib.Path(path).write_bytes(
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data, 1)) + chunk(b"IEND", b"")
     )
 
 
