@@ -13,7 +13,7 @@ function(envconv_test name)
 endfunction()
 
 foreach(test IN ITEMS layout_laws_test layout_facts_test diamond_facts_test analyze_test packing_test recognize_test io_test
-                      resample_test)
+                      resample_test tiny_test)
   if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/tests/${test}.cpp)
     envconv_test(${test})
   endif()
@@ -32,3 +32,7 @@ if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
   target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not
 endif()
+
+# Not a test: quality and rate on analytic panoramas (ninja resample_bench).
+add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
+target_link_libraries(resample_bench PRIVATE envconv TBB::tbb)
