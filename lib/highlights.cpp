@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "assertion.h"
 #include "solid_angle.h"
 #include "source.h"
 
@@ -26,7 +27,11 @@ constexpr double fixed_point = 0x1p50;
 struct Histogram {
   static constexpr int bins = 1024;
   std::array<double, bins> count{}, sum{};
-  static int bin(double v) { return std::clamp(static_cast<int>(std::log2(v) * 4.0) + bins / 2, 0, bins - 1); }
+  // Of v > 0; infinity, which a file may hold, is in the last one.
+  static int bin(double v) {
+    const double quarters = std::min(std::log2(v) * 4.0, static_cast<double>(bins));
+    return std::clamp(static_cast<int>(quarters) + bins / 2, 0, bins - 1);
+  }
   void add(double v) {
     if (!(v > 0)) v = 0;
     const int b = v > 0 ? bin(v) : 0;
@@ -56,6 +61,7 @@ struct Histogram {
 
 float* Source::excess_at(int face, int x, int y, bool create) {
   const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
   constexpr int side = Highlights::side;
   std::int32_t& index = highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];
   if (index < 0) {
@@ -69,6 +75,7 @@ float* Source::excess_at(int face, int x, int y, bool create) {
 
 std::uint64_t* Source::received_at(int face, int x, int y) {
   const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
   constexpr int side = Highlights::side;
   const std::int32_t index =
       highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];

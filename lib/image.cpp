@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "image.h"
 
+#include <sys/mman.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <limits>
 #include <new>
 
+#include "assertion.h"
 #include "solid_angle.h"
 
 namespace envconv {
@@ -14,10 +18,18 @@ namespace envconv {
 void Image::Free::operator()(float* p) const { std::free(p); }
 
 Image::Image(int width, int height, int channels) : width_(width), height_(height), channels_(channels) {
+  ENVCONV_ASSERT(width >= 0 && height >= 0 && channels >= 0);
   // One vector more than the pixels, so that kernels may load whole vectors at the end.
   const std::size_t bytes = (value_count() * sizeof(float) + 2 * 64 - 1) / 64 * 64;
-  pixels_.reset(static_cast<float*>(std::aligned_alloc(64, bytes)));
+  // Large images on huge pages: random reads of a panorama otherwise miss the address translation cache.
+  constexpr std::size_t huge_page = std::size_t{2} << 20;
+  const bool large = bytes >= 4 * huge_page;
+  const std::size_t alignment = large ? huge_page : 64;
+  pixels_.reset(static_cast<float*>(std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)));
   if (!pixels_) throw std::bad_alloc();
+#ifdef MADV_HUGEPAGE
+  if (large) madvise(pixels_.get(), bytes, MADV_HUGEPAGE);
+#endif
 }
 
 void Image::fill(float value) { std::fill_n(data(), value_count(), value); }
@@ -48,9 +60,11 @@ std::size_t EnvImage::texel_count() const {
 }
 
 Size face_size(const Layout& layout, int face, int height) {
+  ENVCONV_ASSERT(face >= 0 && face < layout.face_count() && height >= 1);
   const Face& f = layout.info().faces[static_cast<std::size_t>(face)];
   // Rounded up, but not by the last bits of a product that is whole in truth.
-  const auto up = [](double x) { return std::max(1, static_cast<int>(std::ceil(x - 1e-7))); };
+  constexpr double most = std::numeric_limits<int>::max();
+  const auto up = [most](double x) { return static_cast<int>(std::clamp(std::ceil(x - 1e-7), 1.0, most)); };
   const double h = f.scale * height;
   return {up(f.aspect * h), up(h)};
 }

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "assertion.h"
 #include "geometry.h"
 #include "layout.h"
 #include "result.h"
@@ -38,12 +39,10 @@ class Image {
   std::size_t pixel_count() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
   std::size_t value_count() const { return pixel_count() * static_cast<std::size_t>(channels_); }
 
-  float* row(int y) { return pixels_.get() + static_cast<std::size_t>(y) * row_values(); }
-  const float* row(int y) const { return pixels_.get() + static_cast<std::size_t>(y) * row_values(); }
-  float* at(int x, int y) { return row(y) + static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_); }
-  const float* at(int x, int y) const {
-    return row(y) + static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
-  }
+  float* row(int y) { return pixels_.get() + row_start(y); }
+  const float* row(int y) const { return pixels_.get() + row_start(y); }
+  float* at(int x, int y) { return pixels_.get() + row_start(y) + column_start(x); }
+  const float* at(int x, int y) const { return pixels_.get() + row_start(y) + column_start(x); }
   float* data() { return pixels_.get(); }
   const float* data() const { return pixels_.get(); }
 
@@ -51,7 +50,14 @@ class Image {
   Image clone() const;
 
  private:
-  std::size_t row_values() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_); }
+  std::size_t row_start(int y) const {
+    ENVCONV_ASSERT(!empty() && y >= 0 && y < height_);
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_);
+  }
+  std::size_t column_start(int x) const {
+    ENVCONV_ASSERT(x >= 0 && x < width_);
+    return static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
+  }
   struct Free {
     void operator()(float* p) const;
   };

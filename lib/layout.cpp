@@ -5,6 +5,8 @@
 #include <numeric>
 #include <vector>
 
+#include "assertion.h"
+
 namespace envconv {
 
 #define ENVCONV_LAYOUT(symbol, file, name) LayoutKernels layout_kernels_##symbol();
@@ -27,6 +29,7 @@ const Layout* find_layout(std::string_view name) {
 }
 
 bool Layout::owns(int face, double u, double v) const {
+  ENVCONV_ASSERT(has_face(face));
   switch (info_.domain) {
     case Domain::square: return u >= 0 && u <= 1 && v >= 0 && v <= 1;
     case Domain::disc: return (2 * u - 1) * (2 * u - 1) + (2 * v - 1) * (2 * v - 1) <= 1;

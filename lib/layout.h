@@ -7,6 +7,7 @@
 #include <span>
 #include <string_view>
 
+#include "assertion.h"
 #include "geometry.h"
 
 namespace envconv {
@@ -79,17 +80,29 @@ class Layout {
   /// Unit direction of a face point, exact to double rounding.  Beyond [0,1] the map goes on smoothly over the
   /// edge for as far as an apron needs (one half of a face at least); beyond a disc's rim it comes back on the other
   /// side.
-  Vec3 direction(int face, double u, double v) const { return kernels_.direction(face, u, v); }
+  Vec3 direction(int face, double u, double v) const {
+    ENVCONV_ASSERT(has_face(face));
+    return kernels_.direction(face, u, v);
+  }
   /// The same with its derivatives, by automatic differentiation of the same formula.
-  DirectionJet direction_jet(int face, double u, double v) const { return kernels_.direction_jet(face, u, v); }
+  DirectionJet direction_jet(int face, double u, double v) const {
+    ENVCONV_ASSERT(has_face(face));
+    return kernels_.direction_jet(face, u, v);
+  }
   /// The face that owns direction d (any finite length > 0), and where on it; u and v are in [0,1].
-  Location locate(Vec3 d) const { return kernels_.locate(d); }
+  Location locate(Vec3 d) const {
+    ENVCONV_ASSERT(std::isfinite(length(d)) && length(d) > 0);
+    const Location at = kernels_.locate(d);
+    ENVCONV_ASSERT(has_face(at.face) && at.u >= 0 && at.u <= 1 && at.v >= 0 && at.v <= 1);
+    return at;
+  }
   /// True where the layout owns the face point: always for Domain::square.
   bool owns(int face, double u, double v) const;
 
   /// n face points of one face to unit directions, on the best SIMD target of this machine.  Arrays of n rounded up to
   /// a multiple of batch_padding floats; no alignment needed.  x, y, z must not overlap u, v.
   void directions(int face, std::size_t n, const float* u, const float* v, float* x, float* y, float* z) const {
+    ENVCONV_ASSERT(has_face(face));
     kernels_.directions(face, n, u, v, x, y, z);
   }
   /// n directions of any length > 0 to owner and place; arrays as for directions().  face holds whole numbers.
@@ -98,6 +111,8 @@ class Layout {
   }
 
  private:
+  bool has_face(int face) const { return face >= 0 && face < face_count(); }
+
   std::string_view name_;
   LayoutKernels kernels_;
   LayoutInfo info_;

@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include "assertion.h"
+
 namespace envconv {
 
 namespace {
@@ -81,6 +83,13 @@ std::pair<int, int> face_in_slot(const Layout& layout, const Slot& slot) {
     if (along > best) best = along, turns = q;
   }
   return {face, turns};
+}
+
+// True for a cell with texels, all of them in an image of that size.
+[[maybe_unused]] bool is_inside(const Cell& cell, Size size) {
+  const Size turned = cell.quarter_turns % 2 ? Size{cell.size.height, cell.size.width} : cell.size;
+  return turned.width >= 1 && turned.height >= 1 && cell.x >= 0 && cell.x <= size.width - turned.width && cell.y >= 0 &&
+         cell.y <= size.height - turned.height;
 }
 
 // Faces in each row.
@@ -206,6 +215,7 @@ Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, i
   constexpr std::int64_t most = std::numeric_limits<int>::max();
   if (width > most || total_height > most) return too_large();
   shape.size = {static_cast<int>(width), static_cast<int>(total_height)};
+  ENVCONV_ASSERT(std::ranges::all_of(shape.cells, [&](const Cell& cell) { return is_inside(cell, shape.size); }));
   return shape;
 }
 

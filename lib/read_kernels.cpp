@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "assertion.h"
+
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV | HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "read_kernels.cpp"
@@ -34,6 +36,16 @@ struct LanczosTable {
 inline const LanczosTable& lanczos_table() {
   static const LanczosTable table;
   return table;
+}
+
+// For assertions: the taps of a sample at padded column x lie in one face's rows, and in the texels.
+inline bool taps_are_texels(const SourceView& source, int face, int x, std::int64_t first, int taps) {
+  const int left = x - std::max(0, taps / 2 - 1);
+  const std::int64_t pitch = source.pitch[face], last = first + (taps - 1) * (pitch + 1);
+  return left >= 0 && left + taps <= pitch && first >= source.first[face] && last < source.texel_count;
+}
+inline bool are_finite(const float* values, int n) {
+  return std::all_of(values, values + n, [](float value) { return std::isfinite(value); });
 }
 }  // namespace envconv
 #endif
@@ -150,6 +162,8 @@ void read(const SourceView& source, int n, int texels, const float* HWY_RESTRICT
   constexpr int chunks = 4 * count / lanes;
   for (int i = 0, t = 0; i < n; ++i, t = t + 1 == texels ? 0 : t + 1) {
     const std::size_t pitch = static_cast<std::size_t>(source.pitch[static_cast<int>(face[i])]) * 4;
+    ENVCONV_ASSERT(taps_are_texels(source, static_cast<int>(face[i]), s.x[i], s.offset[i], count));
+    ENVCONV_ASSERT(are_finite(s.wx + stride * i, count) && are_finite(s.wy + stride * i, count));
     const float* HWY_RESTRICT from = source.texels + static_cast<std::size_t>(s.offset[i]) * 4;
     const float* HWY_RESTRICT wx = s.wx + stride * i;
     const float* HWY_RESTRICT wy = s.wy + stride * i;

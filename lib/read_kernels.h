@@ -12,6 +12,7 @@ namespace envconv {
 /// Where a source's texels are, in tables by face that SIMD lanes can gather from.
 struct SourceView {
   const float* texels = nullptr;  ///< RGBA
+  std::int64_t texel_count = 0;
   float scale_u[64], bias_u[64], scale_v[64], bias_v[64];
   std::int32_t first[64], pitch[64];
 };

@@ -9,6 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include "assertion.h"
+
 namespace envconv {
 
 namespace {
@@ -153,6 +155,7 @@ std::string expected_shapes(const Layout& layout) {
 bool unused_cells_are_constant(const Image& image, const PackedShape& shape) {
   const float* first = nullptr;
   const int side = shape.cells[0].size.height;  // of the squares that crosses are made of
+  ENVCONV_ASSERT(Size{image.width(), image.height()} == shape.size && shape.size.width % side == 0);
   const auto channels = static_cast<std::size_t>(image.channels());
   for (int y = 0; y < image.height(); ++y)
     for (int x0 = 0; x0 < image.width(); x0 += side) {
@@ -189,6 +192,7 @@ constexpr UsualShape usual_shapes[] = {
 };
 
 Result<Recognition> take(Recognition r, const Fit& found, std::string how) {
+  ENVCONV_ASSERT(found.layout && found.packing && found.height >= 1);
   r.layout = found.layout;
   r.packing = found.packing;
   r.height = found.height;
@@ -229,13 +233,36 @@ Result<Recognition> recognize_known(const PictureFile& file, const InputHints& h
   return take(std::move(r), *found, how);
 }
 
+// All that a picture of this size could be, with their names.  `told` is the packing that it must have, or nullptr.
+struct Possible {
+  std::vector<Fit> fits;
+  std::vector<std::string> names;
+};
+Possible possible_fits(Size size, const Packing* told) {
+  Possible possible;
+  for (const Layout& layout : all_layouts())
+    for (const Packing* packing : distinct_packings(layout)) {
+      if (told && told != packing) continue;
+      const std::optional<Fit> found = fit(layout, *packing, size);
+      if (!found) continue;
+      possible.fits.push_back(*found);
+      const bool is_default = packing == &default_packing(layout);
+      possible.names.push_back(text(layout.name()) + (is_default ? "" : " (" + text(packing->name) + ")"));
+    }
+  return possible;
+}
+
+// Of one picture that is said to be stored apart, only the layout is unknown.
+const Packing* told_packing(const InputHints& hints) {
+  return hints.packing && !is_apart(*hints.packing) ? hints.packing : nullptr;
+}
+
 Result<Recognition> recognize_one(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
                                   Recognition r) {
   const Image& image = file.pictures[0].image;
   const Size size = size_of(file.pictures[0]);
   if (hints.layout || recorded.layout) return recognize_known(file, hints, recorded, std::move(r));
-  // Of one picture that is said to be stored apart, only the layout is unknown.
-  const Packing* told = hints.packing && !is_apart(*hints.packing) ? hints.packing : nullptr;
+  const Packing* told = told_packing(hints);
 
   if (const auto entry = file.metadata.find("envmap"); entry != file.metadata.end()) {
     const bool is_cube = entry->second == "cube";
@@ -269,17 +296,7 @@ Result<Recognition> recognize_one(const PictureFile& file, const InputHints& hin
     return take(std::move(r), *found, std::move(how));
   }
 
-  std::vector<Fit> fits;
-  std::vector<std::string> names;
-  for (const Layout& layout : all_layouts())
-    for (const Packing* packing : distinct_packings(layout)) {
-      if (told && told != packing) continue;
-      const std::optional<Fit> found = fit(layout, *packing, size);
-      if (!found) continue;
-      fits.push_back(*found);
-      const bool is_default = packing == &default_packing(layout);
-      names.push_back(text(layout.name()) + (is_default ? "" : " (" + text(packing->name) + ")"));
-    }
+  const auto [fits, names] = possible_fits(size, told);
   if (fits.size() == 1) return take(std::move(r), fits[0], text(size) + " can be nothing but " + names[0]);
   std::string because;
   for (const std::string& warning : r.warnings) because += "; " + warning;
@@ -319,6 +336,7 @@ std::vector<std::size_t> order_of(const Layout& layout, const std::vector<Pictur
 
 // The first picture that is not of the size its face should have, in words; "" when all are.
 std::string wrong_face(const Layout& layout, const std::vector<Picture>& pictures) {
+  ENVCONV_ASSERT(pictures.size() == layout.info().faces.size());
   const std::vector<std::size_t> order = order_of(layout, pictures);
   const int height = pictures[order[0]].image.height();
   if (height < 1) return "its first face is empty";
@@ -329,6 +347,14 @@ std::string wrong_face(const Layout& layout, const std::vector<Picture>& picture
              " is " + text(size) + ", expected " + text(expected);
   }
   return "";
+}
+
+// The layouts whose faces have the names and sizes of these pictures.
+std::vector<const Layout*> layouts_by_face_names(const std::vector<Picture>& pictures) {
+  std::vector<const Layout*> named;
+  for (const Layout& layout : all_layouts())
+    if (!order_by_name(layout, pictures).empty() && wrong_face(layout, pictures).empty()) named.push_back(&layout);
+  return named;
 }
 
 Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
@@ -346,13 +372,9 @@ Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& h
     r.layout = recorded.layout;
     r.how = "from its metadata (envconv:layout)";
   } else {
-    std::vector<const Layout*> named;
+    const std::vector<const Layout*> named = layouts_by_face_names(pictures);
     std::vector<std::string> names;
-    for (const Layout& layout : all_layouts())
-      if (!order_by_name(layout, pictures).empty() && wrong_face(layout, pictures).empty()) {
-        named.push_back(&layout);
-        names.push_back(text(layout.name()));
-      }
+    for (const Layout* layout : named) names.push_back(text(layout->name()));
     // The cube's face names are everybody's; of other families no member is the usual one.
     const Layout* cube = find_layout("cube");
     if (named.size() == 1 || std::ranges::find(named, cube) != named.end()) {
@@ -397,6 +419,16 @@ Result<Recognition> recognize(const PictureFile& file, const InputHints& hints) 
   const bool wants_faces = hints.packing && is_apart(*hints.packing) && known && known->face_count() > 1;
   if (file.pictures.size() > 1 || wants_faces) return recognize_faces(file, hints, recorded, std::move(r));
   return recognize_one(file, hints, recorded, std::move(r));
+}
+
+std::vector<std::string> candidates(const PictureFile& file, const InputHints& hints) {
+  if (file.pictures.empty() || recognize(file, hints)) return {};
+  std::vector<std::string> warnings;
+  if (hints.layout || read_metadata(file.metadata, warnings).layout) return {};  // known, and does not fit
+  if (file.pictures.size() == 1) return possible_fits(size_of(file.pictures[0]), told_packing(hints)).names;
+  std::vector<std::string> names;
+  for (const Layout* layout : layouts_by_face_names(file.pictures)) names.push_back(text(layout->name()));
+  return names;
 }
 
 Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition) {

@@ -37,6 +37,10 @@ struct Recognition {
 /// without pixels (headers) will do; a cross is then presumed to be one.
 Result<Recognition> recognize(const PictureFile& file, const InputHints& hints);
 
+/// What a file that recognize() finds ambiguous could be: layouts, each with its packing in brackets where that is not
+/// the layout's own.  Empty for every other file.
+std::vector<std::string> candidates(const PictureFile& file, const InputHints& hints);
+
 /// The environment in a file; the file's pixels are moved.  Several files (one per face, in the layout's order) are
 /// given as one PictureFile of several pictures.
 Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition);

@@ -15,17 +15,22 @@
 // (Source::conserve_highlights), and the second pass adds them where they were met.
 #include "resample.h"
 
+#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <new>
+#include <span>
+#include <stdexcept>
 
+#include "assertion.h"
 #include "quadrature.h"
 #include "read_kernels.h"
 #include "solid_angle.h"
@@ -35,6 +40,7 @@ namespace envconv {
 namespace {
 
 constexpr int tile_rows = 32;
+constexpr int tallest_face = 1 << 24;   // more texels than any memory
 constexpr double sliver_limit = 4.0;    // longest side over shortest that the sampling follows
 constexpr int sliver_samples = 24;      // samples a side where highlights lie on slivers
 constexpr double fixed_point = 0x1p50;  // of Highlights::Block::received
@@ -214,7 +220,8 @@ class Resampler {
         const double v =
             u_from_texel(tile.y0 - 0.5 + tile.height * j / (TilePlan::nodes_y - 1.0), face.height(), out.placement);
         const DirectionJet jet = out.layout->direction_jet(tile.face, u, v);
-        plan.density[j][i] = out.layout->info().equal_area ? 1.0 : length(cross(jet.du, jet.dv));
+        const double density = length(cross(jet.du, jet.dv));
+        plan.density[j][i] = out.layout->info().equal_area ? 1.0 : std::isfinite(density) ? density : 0.0;
         if (i % 2 || (j % 2 && i != 2)) continue;
         // Sides of the texel in source texels.
         const Vec3 tu = source_from_out_ * (eu * jet.du), tv = source_from_out_ * (ev * jet.dv);
@@ -244,8 +251,8 @@ class Resampler {
     } else {
       const auto samples = [&](double texels) {
         if (filter_.spacing <= 0) return filter_.least_samples;
-        return std::clamp(static_cast<int>(std::ceil(texels * filter_.window / filter_.spacing - 0.02)),
-                          filter_.least_samples, 4096);
+        const double wanted = std::ceil(texels * filter_.window / filter_.spacing - 0.02);
+        return std::max(filter_.least_samples, static_cast<int>(std::min(wanted, 4096.0)));
       };
       plan.ku = samples(need_u);
       plan.kv = samples(need_v);
@@ -277,34 +284,14 @@ class Resampler {
                   const Quadrature& qv, const EnvImage& out, int j, Workspace& w, const Visit& visit) const {
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const int n = tile.width;
-    // Density at the texels' centres and its relative change per texel.
-    double gx[row_texels], gy[row_texels];
-    {
-      const auto density_at = [&](double x, double y) {  // in texels from the tile's corner
-        const double s = std::clamp(x / tile.width * (TilePlan::nodes_x - 1), 0.0, TilePlan::nodes_x - 1.0);
-        const double t = std::clamp(y / tile.height * (TilePlan::nodes_y - 1), 0.0, TilePlan::nodes_y - 1.0);
-        const int i = std::min(static_cast<int>(s), TilePlan::nodes_x - 2),
-                  k = std::min(static_cast<int>(t), TilePlan::nodes_y - 2);
-        const double a = s - i, b = t - k;
-        return (1 - b) * ((1 - a) * plan.density[k][i] + a * plan.density[k][i + 1]) +
-               b * ((1 - a) * plan.density[k + 1][i] + a * plan.density[k + 1][i + 1]);
-      };
-      // A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a pole.
-      const auto slope = [](double change, double here) {
-        return here > 0 && std::abs(change) <= 1e6 * here ? std::clamp(change / here, -2.0, 2.0) : 0.0;
-      };
-      for (int i = 0; i < n; ++i) {
-        const double here = density_at(i + 0.5, j + 0.5);
-        gx[i] = slope(density_at(i + 1.0, j + 0.5) - density_at(i, j + 0.5), here);
-        gy[i] = slope(density_at(i + 0.5, j + 1.0) - density_at(i + 0.5, j), here);
-      }
-    }
+    alignas(64) float gx[row_texels], gy[row_texels];  // relative change of the density per texel
+    density_slopes(plan, tile, j, gx, gy);
     const bool disc = out.layout->info().domain == Domain::disc;
     bool outside[row_texels];
     for (int i = 0; i < n; ++i) {
       outside[i] = false;
       w.total[i] = 1.0f;
-      if (disc || std::abs(gx[i]) + std::abs(gy[i]) <= 2) continue;
+      if (disc || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
       double sum = 0;  // some weights are cut off at 0
       for (int m = 0; m < qv.count(); ++m)
         for (int k = 0; k < qu.count(); ++k) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
@@ -340,11 +327,16 @@ class Resampler {
         for (int k = k0; k < k0 + columns; ++k) {
           const double offset_x = qu.offset[static_cast<std::size_t>(k)];
           const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
-          for (int i = 0; i < n; ++i, ++s) {
-            w.u[s] = static_cast<float>(u_from_texel(tile.x0 + i + offset_x, face.width(), out.placement));
-            w.v[s] = v;
-            w.weight[s] = static_cast<float>(q * std::max(0.0, 1 + gx[i] * offset_x + gy[i] * offset_y));
-          }
+          // u is affine in the texel's index.
+          const double first = u_from_texel(tile.x0 + offset_x, face.width(), out.placement);
+          const double step = texel_extent(face.width(), out.placement);
+          const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
+          float* __restrict us = w.u + s;
+          float* __restrict ws = w.weight + s;
+          for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
+          for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
+          std::fill_n(w.v + s, n, v);
+          s += n;
           if (!disc) continue;
           for (int i = 0; i < n; ++i) {
             double a, b;
@@ -359,6 +351,7 @@ class Resampler {
         }
         for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
         const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+        ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
         out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
         rotate_directions(matrix_, padded, w.x, w.y, w.z);
         source.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
@@ -366,6 +359,34 @@ class Resampler {
       }
     }
   }
+
+  // The relative change of the density per texel, along both axes, at the texels of row j: bilinear between the plan's
+  // nodes. A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a pole.
+  static void density_slopes(const TilePlan& plan, const Tile& tile, int j, float* __restrict gx,
+                             float* __restrict gy) {
+    const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
+    const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
+    const int k = std::min(static_cast<int>((j + 0.5) / high), TilePlan::nodes_y - 2);
+    const double t = (j + 0.5) / high - k;
+    for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
+      const double a = plan.density[k][cell], b = plan.density[k][cell + 1];
+      const double c = plan.density[k + 1][cell], d = plan.density[k + 1][cell + 1];
+      const float left = static_cast<float>(a + t * (c - a)), right = static_cast<float>(b + t * (d - b));
+      const float across = static_cast<float>((right - left) / wide);
+      const float down_left = static_cast<float>((c - a) / high), down_right = static_cast<float>((d - b) / high);
+      const int end = cell + 2 == TilePlan::nodes_x ? tile.width : static_cast<int>(std::ceil((cell + 1) * wide - 0.5));
+      const float scale = static_cast<float>(1 / wide), first = static_cast<float>(0.5 - cell * wide);
+      for (; i < end; ++i) {
+        const float x = (static_cast<float>(i) + first) * scale;
+        const float here = left + x * (right - left);
+        const float inverse = here > 0 ? 1.0f / here : 0.0f;
+        gx[i] = std::clamp(across * inverse, -2.0f, 2.0f);
+        gy[i] = std::clamp((down_left + x * (down_right - down_left)) * inverse, -2.0f, 2.0f);
+      }
+    }
+  }
+
+  [[maybe_unused]] static bool is_no_weight(float weight) { return !(weight >= 0); }
 
   static double sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, double gx, double gy) {
     return qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)] *
@@ -405,6 +426,7 @@ class Resampler {
           const int i = s % tile.width;
           const double share = omega[static_cast<std::size_t>(j * tile.width + i)] *
                                static_cast<double>(w.weight[s] / w.total[i]) * fixed_point;
+          ENVCONV_ASSERT(share >= 0);
           for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
                                  [&](Highlights::Block& block, int texel, float weight) {
                                    const float* e = block.excess[texel];
@@ -470,6 +492,14 @@ class Resampler {
   double share_done_ = 0, share_step_ = 1;
 };
 
+// Texels of the source with the widest apron that a filter asks for.
+std::int64_t padded_texels(const EnvImage& source) {
+  constexpr std::int64_t aprons = 2 * 13;
+  std::int64_t n = 0;
+  for (const Image& face : source.faces) n += (face.width() + aprons) * (face.height() + aprons);
+  return n;
+}
+
 }  // namespace
 
 Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options) {
@@ -477,24 +507,28 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
       source.channels.count() == 0)
     return Error{ErrorCode::unsupported, "the source has no pixels"};
   if (!options.layout || options.height < 1) return Error{ErrorCode::usage, "no output layout or size"};
+  if (options.height > tallest_face) return Error{ErrorCode::limit, "the output has too many texels"};
+  if (padded_texels(source) > std::numeric_limits<std::int32_t>::max())
+    return Error{ErrorCode::limit, "the source has more texels than can be addressed (2^31 with its aprons)"};
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
   try {
     Resampler resampler(source, options, filter);
-    tbb::task_arena arena(options.threads > 0 ? options.threads : tbb::task_arena::automatic);
+    // More than there are cores gain nothing, and make TBB print.
+    const int cores = tbb::info::default_concurrency();
+    tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, cores) : cores);
     return arena.execute([&] { return resampler.run(); });
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to resample (about " +
                                        std::to_string(resample_bytes(source, options) >> 20) + " MiB are needed)"};
+  } catch (const std::length_error& error) {
+    return Error{ErrorCode::limit, error.what()};
   }
 }
 
 std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options) {
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
-  std::size_t padded = 0;
-  for (const Image& face : source.faces)
-    padded +=
-        static_cast<std::size_t>(face.width() + 24) * static_cast<std::size_t>(face.height() + 24) * 4 * sizeof(float);
+  const std::size_t padded = static_cast<std::size_t>(padded_texels(source)) * 4 * sizeof(float);
   return out + padded + (std::size_t{16} << 20);
 }
 

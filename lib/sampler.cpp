@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <new>
+#include <stdexcept>
 #include <vector>
 
 #include "quadrature.h"
@@ -48,6 +49,8 @@ Result<Sampler> Sampler::make(const EnvImage& source, const Filter& filter) {
     return Sampler(std::move(state));
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to prepare the environment"};
+  } catch (const std::length_error& error) {
+    return Error{ErrorCode::limit, error.what()};
   }
 }
 
@@ -55,8 +58,8 @@ void Sampler::radiance(Vec3 d, Vec3 du, Vec3 dv, float* out) const {
   const State& state = *state_;
   const auto samples = [&](Vec3 side) {
     if (state.filter.spacing <= 0 || length(side) == 0) return 1;
-    return std::clamp(static_cast<int>(std::ceil(length(side) / (state.thinnest * state.filter.spacing))),
-                      state.filter.least_samples, 256);
+    const double wanted = std::ceil(length(side) / (state.thinnest * state.filter.spacing));
+    return std::max(state.filter.least_samples, static_cast<int>(std::min(wanted, 256.0)));
   };
   const Quadrature qu = quadrature(state.filter, samples(du)), qv = quadrature(state.filter, samples(dv));
   std::vector<double> sum(static_cast<std::size_t>(state.channels), 0.0);

@@ -9,6 +9,8 @@
 #include <numbers>
 #include <vector>
 
+#include "assertion.h"
+
 namespace envconv {
 namespace {
 
@@ -141,6 +143,7 @@ void block_solid_angles(const Layout& layout, int face, Size size, Placement pla
       smooth = smooth && std::abs(interpolate(s, t) - truth) <= 1e-6 * truth + 1e-12;
     }
     if (smooth) {
+      ENVCONV_ASSERT(nx <= most_block && ny <= most_block);
       std::array<double, 4> bu[most_block], bv[most_block];
       basis_integrals(x0, nx, size.width, placement, u, bu);
       basis_integrals(y0, ny, size.height, placement, v, bv);
@@ -176,6 +179,7 @@ void block_solid_angles(const Layout& layout, int face, Size size, Placement pla
 
 void texel_solid_angles(const Layout& layout, int face, Size size, Placement placement, int x0, int y0, int nx, int ny,
                         double* out) {
+  ENVCONV_ASSERT(x0 >= 0 && y0 >= 0 && x0 + nx <= size.width && y0 + ny <= size.height);
   const LayoutInfo& info = layout.info();
   if (info.equal_area && info.domain == Domain::square && placement == Placement::centre) {
     double texels = 0;
@@ -195,6 +199,43 @@ void texel_solid_angles(const Layout& layout, int face, Size size, Placement pla
                          static_cast<std::size_t>(nx));
 }
 
+namespace {
+
+// s[c] += w v, s[channels + c] += w |v|, s[2 channels] += w, over a row of texels.
+template <std::size_t channels>
+void add_row_of(const float* p, const double* w, int n, double* s) {
+  double sum[2 * channels + 1] = {};
+  for (int x = 0; x < n; ++x, p += channels) {
+    // A texel that owns nothing may hold anything, NaN included.
+    if (w[x] == 0) continue;
+    for (std::size_t c = 0; c < channels; ++c) {
+      sum[c] += w[x] * static_cast<double>(p[c]);
+      sum[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
+    }
+    sum[2 * channels] += w[x];
+  }
+  for (std::size_t k = 0; k < 2 * channels + 1; ++k) s[k] += sum[k];
+}
+
+void add_row(const float* p, const double* w, int n, std::size_t channels, double* s) {
+  switch (channels) {
+    case 1: return add_row_of<1>(p, w, n, s);
+    case 3: return add_row_of<3>(p, w, n, s);
+    case 4: return add_row_of<4>(p, w, n, s);
+    default: break;
+  }
+  for (int x = 0; x < n; ++x, p += channels) {
+    if (w[x] == 0) continue;
+    for (std::size_t c = 0; c < channels; ++c) {
+      s[c] += w[x] * static_cast<double>(p[c]);
+      s[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
+    }
+    s[2 * channels] += w[x];
+  }
+}
+
+}  // namespace
+
 SphereMean sphere_mean(const EnvImage& image) {
   const std::size_t channels = static_cast<std::size_t>(image.channels.count()), sums = 2 * channels + 1;
   std::vector<double> sum(sums, 0.0);
@@ -210,18 +251,9 @@ SphereMean sphere_mean(const EnvImage& image) {
       std::vector<double> omega(static_cast<std::size_t>(ny) * static_cast<std::size_t>(size.width));
       texel_solid_angles(*image.layout, f, size, image.placement, 0, y0, size.width, ny, omega.data());
       double* s = &partial[static_cast<std::size_t>(band) * sums];
-      const double* w = omega.data();
       for (int y = 0; y < ny; ++y) {
-        const float* p = face.row(y0 + y);
-        for (int x = 0; x < size.width; ++x, ++w, p += channels) {
-          // A texel that owns nothing may hold anything, NaN included.
-          if (*w == 0) continue;
-          for (std::size_t c = 0; c < channels; ++c) {
-            s[c] += *w * static_cast<double>(p[c]);
-            s[channels + c] += *w * static_cast<double>(std::abs(p[c]));
-          }
-          s[2 * channels] += *w;
-        }
+        const double* w = &omega[static_cast<std::size_t>(y) * static_cast<std::size_t>(size.width)];
+        add_row(face.row(y0 + y), w, size.width, channels, s);
       }
     });
     for (std::size_t b = 0; b < static_cast<std::size_t>(bands); ++b)

@@ -9,8 +9,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <stdexcept>
 
 #include "analyze.h"
+#include "assertion.h"
 #include "solid_angle.h"
 
 namespace envconv {
@@ -61,17 +63,21 @@ struct AdoptTable {
 
 Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
     : layout_(image.layout), placement_(image.placement) {
+  ENVCONV_ASSERT(image.faces.size() == layout_->info().faces.size() && first_channel < image.channels.count());
   const int reach = taps(filter.kernel) / 2 + 1;
   apron_ = filter.kernel == Kernel::omoms ? prefilter_margin + reach : std::max(reach, 4);
   std::int64_t total = 0;
   std::int32_t blocks = 0;
   for (int f = 0; f < layout_->face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
+    ENVCONV_ASSERT(!face.empty() && face.channels() == image.channels.count());
     SourceFace s;
     s.size = {face.width(), face.height()};
     s.pitch = s.size.width + 2 * apron_;
     s.rows = s.size.height + 2 * apron_;
     s.first = static_cast<std::int32_t>(total);
+    total += static_cast<std::int64_t>(s.pitch) * s.rows;
+    if (total > std::numeric_limits<std::int32_t>::max()) throw std::length_error("the source has too many texels");
     const auto affine = [&](int n, float& scale, float& bias) {
       bias = static_cast<float>(texel_from_u(0.0, n, placement_) + apron_);
       scale = static_cast<float>(texel_from_u(1.0, n, placement_) - texel_from_u(0.0, n, placement_));
@@ -81,7 +87,6 @@ Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
     s.blocks = (s.pitch + Highlights::side - 1) / Highlights::side;
     s.first_block = blocks;
     blocks += s.blocks * ((s.rows + Highlights::side - 1) / Highlights::side);
-    total += static_cast<std::int64_t>(s.pitch) * s.rows;
     faces_.push_back(s);
   }
   texels_ = Image(4, static_cast<int>(total), 1);  // one texel a "row": faces differ in width
@@ -101,7 +106,9 @@ Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
 
 SourceView Source::view() const {
   SourceView view;
+  ENVCONV_ASSERT(faces_.size() <= most_faces);
   view.texels = texels_.data();
+  view.texel_count = static_cast<std::int64_t>(texels_.pixel_count());
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const SourceFace& s = faces_[f];
     view.scale_u[f] = s.scale_u, view.bias_u[f] = s.bias_u;
@@ -177,6 +184,7 @@ void Source::adopt(std::vector<Orphan>& orphans) {
   float* texels = texels_.data();
   const auto texel = [&](int face, int x, int y) {
     const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+    ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
     return texels + 4 * (static_cast<std::size_t>(s.first) +
                          static_cast<std::size_t>(y) * static_cast<std::size_t>(s.pitch) + static_cast<std::size_t>(x));
   };

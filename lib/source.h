@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "assertion.h"
 #include "filter.h"
 #include "image.h"
 #include "layout.h"
@@ -55,6 +56,7 @@ struct Highlights {
   bool any() const { return !blocks.empty(); }
   /// True when a bilinear read at padded texel (x, y) may meet a highlight.
   bool reach(const SourceFace& face, int x, int y) const {
+    ENVCONV_ASSERT(x >= 0 && x < face.pitch && y >= 0 && y < face.rows);
     return reachable[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)] != 0;
   }
 };
@@ -73,6 +75,7 @@ void for_each_highlight_tap(AnyHighlights& highlights, const SourceFace& face, i
   constexpr int side = Highlights::side;
   for (int k = 0; k < 4; ++k) {
     const int xx = x + (k & 1), yy = y + (k >> 1);
+    ENVCONV_ASSERT(xx >= 0 && xx < face.pitch && yy >= 0 && yy < face.rows);
     const std::int32_t index =
         highlights.index[static_cast<std::size_t>(face.first_block + yy / side * face.blocks + xx / side)];
     if (index < 0) continue;
