@@ -467,7 +467,11 @@ Imath::half to_half(float v, std::int64_t& high, std::int64_t& nonfinite) {
       ++nonfinite;
       return Imath::half(0.f);
     }
-    ++(std::isinf(v) ? nonfinite : high);
+    if (std::isinf(v)) {
+      ++nonfinite;
+    } else if (std::abs(v) >= 65520.f) {
+      ++high;  // what is nearer rounds to the largest
+    }
     return Imath::half(std::copysign(kMax, v));
   }
   return Imath::half(v);

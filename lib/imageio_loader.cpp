@@ -2,6 +2,7 @@
 #include "imageio_loader.h"
 
 #include <dlfcn.h>
+#include <sys/auxv.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -42,6 +43,10 @@ std::vector<std::string> candidates() {
     roots.push_back(folder_of(real_path(info.dli_fname)));
   }
   roots.push_back(folder_of(real_path("/proc/self/exe")));
+  // Where /proc is not mounted: the program's path as it was started.
+  if (const auto* path = reinterpret_cast<const char*>(::getauxval(AT_EXECFN))) {
+    roots.push_back(folder_of(real_path(path)));
+  }
   for (const std::string& root : roots) {
     if (root.empty() || root == ".") continue;
     files.push_back(root + "/" + kFile);
@@ -49,9 +54,6 @@ std::vector<std::string> candidates() {
     files.push_back(root + "/../" + kFile);       // a build's folder of tests or tools
     for (const char* lib : {
            "lib", "lib64",
-#ifdef ENVCONV_LIBDIR
-               ENVCONV_LIBDIR,
-#endif
 #if defined(__x86_64__)
                "lib/x86_64-linux-gnu",
 #elif defined(__aarch64__)
@@ -60,7 +62,14 @@ std::vector<std::string> candidates() {
          }) {
       files.push_back(root + "/../" + lib + "/envconv/" + kFile);
     }
+#ifdef ENVCONV_LIB_FROM_BIN
+    files.push_back(root + "/" ENVCONV_LIB_FROM_BIN "/envconv/" + kFile);
+#endif
   }
+#ifdef ENVCONV_MODULE_FOLDER
+  // The library may be part of a program that lies anywhere.
+  files.push_back(std::string(ENVCONV_MODULE_FOLDER) + "/" + kFile);
+#endif
   return files;
 }
 
@@ -127,15 +136,11 @@ Result<const EnvconvImageio*> load_imageio() {
 
 Result<std::unique_ptr<Decoder>> open_imageio(const std::string& format, int fd, const DecoderOptions& options) {
   ENVCONV_TRY(const EnvconvImageio* module, load_imageio());
-  // The name under which the open file can be opened again: the file that was recognised, whatever its path shows now,
-  // and without an extension that the image library could believe.
-  const std::string name = "/proc/self/fd/" + std::to_string(fd);
   auto raw = std::make_unique<EnvconvImageioSpec>();
   void* handle = nullptr;
   char error[1024] = "";
-  if (!module->open(format.c_str(), name.c_str(), raw.get(), &handle, error, sizeof error)) {
-    return Error{ErrorCode::input, std::string("truncated or damaged: ") + error};
-  }
+  const int opened = module->open(format.c_str(), fd, raw.get(), &handle, error, sizeof error);
+  if (opened != 1) return Error{ErrorCode::input, std::string(opened < 0 ? "" : "truncated or damaged: ") + error};
   struct Close {
     const EnvconvImageio* module;
     void* handle;

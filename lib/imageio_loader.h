@@ -15,7 +15,8 @@ namespace envconv {
 bool needs_imageio(const std::string& format);
 
 /// Loads the module, once; about a quarter of a second.  It is looked for in $ENVCONV_MODULE_PATH (a folder or the
-/// file), next to the library or program, and in lib/envconv beside and above it.  Error: unsupported.
+/// file), next to the library or program, in lib/envconv beside and above it, and where the library was configured to
+/// be installed.  Error: unsupported.
 Result<const EnvconvImageio*> load_imageio();
 
 /// Opens a file through the module.

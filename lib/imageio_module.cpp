@@ -4,6 +4,8 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
+#include <fcntl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -22,13 +24,16 @@ using envconv::PixelType;
 using envconv::Transfer;
 namespace oiio = OIIO;
 
+const std::string kName = "the file";          // in the library's messages
+const std::string kFolder = "/proc/self/fd/";  // where open files have names
+
 // The library's text, on one line and without our own name for the file.
 void say(char* error, std::size_t size, std::string text) {
-  const std::string prefix = "/proc/self/fd/";
+  const std::string& prefix = kFolder;
   for (std::size_t at; (at = text.find(prefix)) != std::string::npos;) {
     std::size_t end = at + prefix.size();
     while (end < text.size() && std::isdigit(static_cast<unsigned char>(text[end]))) ++end;
-    text.replace(at, end - at, "the file");
+    text.replace(at, end - at, kName);
   }
   const std::size_t line = text.find('\n');
   if (line != std::string::npos) text.resize(line);
@@ -58,15 +63,48 @@ Type type_of(oiio::TypeDesc format) {
   }
 }
 
+// The library's own kind of file, over a descriptor that is open already: it is the file that was recognised, whatever
+// its path shows now, it needs no /proc, and it has no extension for the library to believe.  Readers look behind the
+// interface (JPEG's takes what is no file for a block of memory), so it must be this kind.
+class OpenFile {
+ public:
+  explicit OpenFile(int fd) {
+    const int copy = ::fcntl(fd, F_DUPFD_CLOEXEC, 0);
+    if (copy < 0) return;
+    ::lseek(copy, 0, SEEK_SET);
+    stream_ = ::fdopen(copy, "rb");
+    if (!stream_) {
+      ::close(copy);
+      return;
+    }
+    proxy_ = std::make_unique<oiio::Filesystem::IOFile>(stream_, oiio::Filesystem::IOProxy::Read);
+  }
+  ~OpenFile() {
+    proxy_.reset();
+    if (stream_) std::fclose(stream_);
+  }
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+  oiio::Filesystem::IOProxy* proxy() { return proxy_.get(); }
+
+ private:
+  std::FILE* stream_ = nullptr;
+  std::unique_ptr<oiio::Filesystem::IOFile> proxy_;
+};
+
 struct Input {
+  explicit Input(int fd) : file(fd) {}
+  OpenFile file;  // outlives its reader
   std::unique_ptr<oiio::ImageInput> in;
   oiio::ImageSpec spec;
   Type type{};
 };
 
+// Not before a fork: the library makes a thread here and tells it to end, and in a process that is forked before it has
+// done so its locks stay locked for ever.
 void quiet() {
   static const bool done = [] {
-    // The child that decodes is one of many; and a zygote's children must not look for threads that they do not have.
+    // The child that decodes is one of many.
     oiio::attribute("threads", 1);
     oiio::attribute("exr_threads", -1);
     oiio::attribute("tiff:half", 1);
@@ -77,23 +115,32 @@ void quiet() {
 
 void prepare() {
   try {
-    quiet();
     (void)oiio::ImageInput::create("png");
     (void)oiio::geterror();
   } catch (...) {
   }
 }
 
-int open_file(const char* format, const char* name, EnvconvImageioSpec* out, void** handle, char* error,
-              std::size_t size) {
+int open_file(const char* format, int fd, EnvconvImageioSpec* out, void** handle, char* error, std::size_t size) {
   try {
     quiet();
-    auto input = std::make_unique<Input>();
+    auto input = std::make_unique<Input>(fd);
     // By format, never by name: a name would let the library try all its readers.
     input->in = oiio::ImageInput::create(format);
     if (!input->in) {
       say(error, size, oiio::geterror());
       return 0;
+    }
+    // Two of the readers open names and nothing else.
+    std::string name = kName;
+    if (input->in->supports("ioproxy") && input->file.proxy()) {
+      input->in->set_ioproxy(input->file.proxy());
+    } else {
+      name = kFolder + std::to_string(fd);
+      if (::access(name.c_str(), R_OK) != 0) {
+        say(error, size, "this format can be read only where /proc is mounted");
+        return -1;
+      }
     }
     oiio::ImageSpec config;
     config.attribute("oiio:UnassociatedAlpha", 1);  // what is stored; association happens in linear light
@@ -124,7 +171,7 @@ int open_file(const char* format, const char* name, EnvconvImageioSpec* out, voi
     std::memset(static_cast<void*>(out), 0, sizeof *out);
     if (spec.deep || spec.depth > 1) {
       say(error, size, "deep images and volumes are not environment maps");
-      return 0;
+      return -1;
     }
     input->type = type_of(spec.format);
     out->width = spec.width;
@@ -157,7 +204,11 @@ int open_file(const char* format, const char* name, EnvconvImageioSpec* out, voi
     out->orientation = std::clamp(spec.get_int_attribute("Orientation", 1), 1, 8);
     put(out->compression, spec.get_string_attribute("compression"));
     for (const char* attribute : {"ImageDescription", "Description", "Comment", "oiio:comment", "Exif:UserComment"}) {
-      const std::string text = spec.get_string_attribute(attribute);
+      std::string text = spec.get_string_attribute(attribute);
+      if (kind == "targa") {
+        // The library cuts it into lines of 81, also in the middle of a word.
+        for (std::size_t at = 81; at < text.size() && text[at] == '\n'; at += 81) text.erase(at, 1);
+      }
       if (text.find("envconv:") != std::string::npos) {
         put(out->description, text);
         break;

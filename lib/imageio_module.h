@@ -9,7 +9,7 @@
 extern "C" {
 
 /// Changes when anything below does.
-constexpr std::uint32_t kEnvconvImageioAbi = 1;
+constexpr std::uint32_t kEnvconvImageioAbi = 2;
 
 /// A picture that was opened.  Numbers of types are envconv::PixelType's, of transfers envconv::Transfer's.
 struct EnvconvImageioSpec {
@@ -51,11 +51,12 @@ struct EnvconvImageioSink {
 struct EnvconvImageio {
   std::uint32_t abi;
   const char* version;  // of the image library
-  /// Makes the library's tables, which costs time once: a process that is forked afterwards has them already.
+  /// Makes the library's tables, which costs time once: a process that is forked afterwards has them already.  Makes no
+  /// thread, which would not be in that process.
   void (*prepare)();
-  /// Opens a file of a format named as the image library does; `name` is where it can be opened.
-  int (*open)(const char* format, const char* name, EnvconvImageioSpec* spec, void** handle, char* error,
-              std::size_t error_size);
+  /// Reads an open file, whose descriptor must outlive the handle, of a format named as the image library does.  -1:
+  /// the file may be good, and cannot be read for the reason in `error`.
+  int (*open)(const char* format, int fd, EnvconvImageioSpec* spec, void** handle, char* error, std::size_t error_size);
   /// `bytes` is the size of `pixels` and must be what the spec needs.
   int (*read)(void* handle, void* pixels, std::size_t bytes, char* error, std::size_t error_size);
   void (*close)(void* handle);

@@ -296,7 +296,7 @@ struct Upright {
   }
 };
 
-void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, Image& image) {
+void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Image& image) {
   const Upright upright(picture, spec.orientation);
   const int channels = picture.channels.count(), alpha = picture.channels.alpha;
   const Curve curve = curve_of(spec);
@@ -330,15 +330,15 @@ void to_linear(const void* elements, const PictureSpec& picture, const FileSpec&
       const float a = alpha >= 0 ? fraction(alpha) : 1.f;
       for (int c = 0; c < channels; ++c) {
         if (c == alpha) {
-          to[c] = a;
-        } else if (alpha >= 0 && !spec.unassociated && curved) {
+          if (!drop_alpha) *to++ = a;
+        } else if (alpha >= 0 && !drop_alpha && !spec.unassociated && curved) {
           // Colour times alpha was put through the curve as a product; take alpha off first.
-          to[c] = a > 0 ? static_cast<float>(curve(static_cast<double>(fraction(c)) / a)) * a : 0.f;
+          *to++ = a > 0 ? static_cast<float>(curve(static_cast<double>(fraction(c)) / a)) * a : 0.f;
         } else {
           const float v = !table.empty() ? table[raw(c)]
                           : curved       ? static_cast<float>(curve(fraction(c)))
                                          : fraction(c);
-          to[c] = alpha >= 0 && spec.unassociated ? v * a : v;
+          *to++ = alpha >= 0 && !drop_alpha && spec.unassociated ? v * a : v;
         }
       }
     }
@@ -433,15 +433,21 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
     picture.name = p.name;
     picture.channels = p.channels;
     picture.type = p.type;
-    const int channels = p.channels.count();
+    const bool drop_alpha = options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
+    if (drop_alpha) {
+      picture.channels.names.erase(picture.channels.names.begin() + p.channels.alpha);
+      picture.channels.alpha = -1;
+    }
+    const int channels = picture.channels.count();
     const Upright upright(p, spec.orientation);
     if (options.header_only) {
       picture.image = Image::without_pixels(upright.width, upright.height, channels);
     } else {
       picture.image = Image(upright.width, upright.height, channels);
-      const bool direct = p.element == PixelType::float32 && spec.orientation == 1 &&
+      const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
                           spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
-      const std::size_t bytes = picture.image.value_count() * size_of(p.element);
+      const std::size_t bytes =
+          picture.image.pixel_count() * static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
       std::unique_ptr<void, FreeBytes> elements;
       void* to = picture.image.data();
       if (!direct) {
@@ -454,7 +460,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
       }
       const auto decoded = decoder.decode(static_cast<int>(i), to);
       if (!decoded) return on(path, decoded.error());
-      if (!direct) to_linear(elements.get(), p, spec, picture.image);
+      if (!direct) to_linear(elements.get(), p, spec, drop_alpha, picture.image);
     }
     file.pictures.push_back(std::move(picture));
   }
@@ -591,6 +597,9 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
   if (!elements) throw std::bad_alloc();
   const float top = type == PixelType::uint8 ? 255.f : 65535.f;
   const SrgbEncoder& encoder = srgb_encoder(type);
+  const float too_high =
+      static_cast<float>(srgb_to_linear((static_cast<double>(top) + 0.5) / static_cast<double>(top)));
+  const float too_low = -0.5f / 12.92f / top;
   std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
   tbb::parallel_for(0, image.height(), [&](int y) {
     const float* from = image.row(y);
@@ -599,9 +608,16 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
     std::int64_t above = 0, below = 0, odd = 0;
     const auto clamped = [&](float v) {
       if (std::isnan(v)) return ++odd, 0.f;
-      if (v > 1) return ++(std::isinf(v) ? odd : above), 1.f;
-      if (v < 0) return ++(std::isinf(v) ? odd : below), 0.f;
-      return v;
+      if (v >= 0 && v <= 1) return v;
+      // What is beyond the range by less than a code rounds to its end, and nothing is lost.
+      if (std::isinf(v)) {
+        ++odd;
+      } else if (v > too_high) {
+        ++above;
+      } else if (v < too_low) {
+        ++below;
+      }
+      return v > 0 ? 1.f : 0.f;
     };
     for (int x = 0; x < image.width(); ++x, from += channels) {
       const float a = alpha >= 0 ? from[alpha] : 1.f;
@@ -651,7 +667,7 @@ Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& 
     std::int64_t odd = 0, high = 0;
     for (std::size_t i = 0; i < image.value_count(); ++i) {
       odd += !std::isfinite(image.data()[i]);
-      high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) > 65504.f;
+      high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) >= 65520.f;
     }
     report.nonfinite += odd;
     report.clamped_high += high;

@@ -48,6 +48,9 @@ struct ReadOptions {
   bool trust_input = false;                         ///< decode in this process, without isolation
   bool header_only = false;                         ///< pixels are not decoded: images have a size and no pixels
   int threads = 0;                                  ///< decoding threads; 0: all cores
+  /// The alpha channel is left out, and colour is as stored: that of EXR is what lies over black, and that of PNG,
+  /// which keeps colour apart from alpha, is not multiplied by it.
+  bool drop_alpha = false;
 };
 
 /// Reads one file; errors are ErrorCode::input (or limit), and name the path, what is wrong and what to do.

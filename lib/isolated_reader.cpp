@@ -231,13 +231,14 @@ Error unpack_failure(Reader& r) {
 
 // --- the child -----------------------------------------------------------------------------------------------------
 
+// What the process has mapped; without /proc, what it has with the image library loaded, and more.
 std::size_t address_space() {
   std::size_t pages = 0;
   if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
     if (std::fscanf(file, "%zu", &pages) != 1) pages = 0;
     std::fclose(file);
   }
-  return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  return pages > 0 ? pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)) : std::size_t{4} << 30;
 }
 
 void limit_resource(int resource, std::uint64_t value) {
@@ -479,9 +480,9 @@ Error crashed(int signal) {
   std::string how = "ended early";
   if (signal != 0) {
     const char* name = ::sigabbrev_np(signal);
-    how = std::string("crashed (SIG") + (name ? name : "?") + ")";
+    how.assign("crashed (SIG").append(name ? name : "?").append(")");
   }
-  return {ErrorCode::input, "the reader " + how + "; the file is damaged, or made to do harm"};
+  return {ErrorCode::input, how.insert(0, "the reader ").append("; the file is damaged, or made to do harm")};
 }
 
 class IsolatedDecoder final : public Decoder {

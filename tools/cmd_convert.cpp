@@ -82,7 +82,11 @@ Option type_option(WriteOptions& target) {
 }
 
 Option alpha_option(bool& drop) {
-  Option option{.names = "--alpha", .value = "MODE", .help = "keep the alpha channel, or drop it (colour over black)"};
+  Option option{.names = "--alpha",
+                .value = "MODE",
+                .help =
+                    "keep the alpha channel, or drop it and keep colour as the file stores it: multiplied by alpha in "
+                    "OpenEXR, not so in PNG"};
   option.choices = {"keep", "drop"};
   option.set = [&drop](const std::string& text) {
     drop = text == "drop";
@@ -150,7 +154,7 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Pixels", filter_option(o.filter), "auto");
   add("Pixels", integer_option("--samples", "N", o.samples, 1, 64, "sub-samples a side of each output texel"),
       "as the filter chooses");
-  add("Pixels", alpha_option(o.drop_alpha), "keep");
+  add("Pixels", alpha_option(o.input.read.drop_alpha), "keep");
   add("Pixels", exposure_option(o.exposure), "0");
   add("Pixels", nonfinite_option(o.nonfinite), "repair");
   add("Batch",
@@ -218,7 +222,7 @@ int print_plan(const ConvertPlan& plan) {
       json["error"] = shape ? ordered_json() : ordered_json(shape.error().message);
       print_json(json);
     } else if (shape) {
-      print(sentence(plan, job, *shape) + "; " + number_text(static_cast<double>(shape->peak_bytes) / 1e6, 3) +
+      print(visible(sentence(plan, job, *shape)) + "; " + number_text(static_cast<double>(shape->peak_bytes) / 1e6, 3) +
             " MB of pixels\n");
     }
     if (failed && !plan.options.keep_going) break;

@@ -27,7 +27,8 @@ struct Facts {
   std::vector<ChannelStatistics> statistics;
   bool recognised = false;
   Recognition recognition;
-  std::string why_not;  ///< when it was not recognised
+  std::string why_not;                  ///< when it was not recognised
+  std::vector<std::string> candidates;  ///< when that is because it could be several
   std::vector<double> mean;
   std::vector<std::string> warnings;
 };
@@ -50,6 +51,10 @@ Result<Facts> collect(const InfoOptions& o, const std::string& name) {
   if (!recognition) {
     if (told) return recognition.error();  // the file is not what it was said to be
     facts.why_not = recognition.error().message;
+    if (const std::string prefix = facts.file.path + ": "; facts.why_not.starts_with(prefix)) {
+      facts.why_not.erase(0, prefix.size());
+    }
+    facts.candidates = candidates(facts.file, o.input.hints);
     return facts;
   }
   facts.recognition = *recognition;
@@ -78,6 +83,7 @@ ordered_json json_of(const std::string& name, const Facts& f) {
   json["levels"] = f.file.levels;
   json["parts"] = f.file.pictures.size();
   json["layout"] = f.recognised ? ordered_json(r.layout->name()) : ordered_json();
+  if (!f.candidates.empty()) json["candidates"] = f.candidates;
   json["how"] = f.recognised ? r.how : f.why_not;
   if (f.recognised) {
     json["packing"] = r.packing->name;
@@ -113,9 +119,9 @@ ordered_json json_of(const std::string& name, const Facts& f) {
 std::string text_of(const std::string& name, const Facts& f) {
   const Picture& first = f.file.pictures.front();
   const Recognition& r = f.recognition;
-  std::string out = name + "\n";
+  std::string out = visible(name) + "\n";
   auto line = [&](const std::string& key, const std::string& value) {
-    out += "  " + key + std::string(13 - key.size(), ' ') + value + "\n";
+    out += "  " + key + std::string(13 - key.size(), ' ') + visible(value) + "\n";
   };
   if (f.recognised) {
     line("layout", std::string(r.layout->name()) + ", " + r.how);
@@ -129,6 +135,9 @@ std::string text_of(const std::string& name, const Facts& f) {
     line("faces", std::to_string(r.layout->face_count()) + " of " + std::to_string(size.width) + "x" +
                       std::to_string(size.height) + (r.layout->info().faces.size() > 1 ? " (the first)" : ""));
     line("size", std::to_string(r.height));
+  } else if (!f.candidates.empty()) {
+    const std::vector<std::string_view> names(f.candidates.begin(), f.candidates.end());
+    line("layout", "could be any of " + joined(names) + " (say which with --from)");
   } else {
     line("layout", "not recognised: " + f.why_not);
   }
@@ -144,7 +153,7 @@ std::string text_of(const std::string& name, const Facts& f) {
   std::vector<std::vector<std::string>> rows{{"channel", "min", "max", "mean", "NaN", "Inf", "negative"}};
   for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
     const ChannelStatistics& s = f.statistics[c];
-    rows.push_back({first.channels.names[c], s.finite ? number_text(s.min, 6) : "-",
+    rows.push_back({visible(first.channels.names[c]), s.finite ? number_text(s.min, 6) : "-",
                     s.finite ? number_text(s.max, 6) : "-", c < f.mean.size() ? number_text(f.mean[c], 6) : "-",
                     std::to_string(s.nan), std::to_string(s.infinite), std::to_string(s.negative)});
   }

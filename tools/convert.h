@@ -36,7 +36,6 @@ struct ConvertOptions {
   const Filter* filter = nullptr;
   int samples = 0;
   WriteOptions write;  ///< type_given tells whether --type was
-  bool drop_alpha = false;
   double exposure = 0;
   Nonfinite nonfinite = Nonfinite::repair;
   int threads = 0;

@@ -33,8 +33,8 @@ Result<Ok> fill_in(ConvertOptions& o) {
   if (o.size && o.texels) return usage("--size and --texels: only one of them can be given");
   if (!o.packing) {
     // A name for every face asks for a file for every face.
-    const bool per_face =
-        o.output.find("{face}") != std::string::npos || o.output.find("{face_index}") != std::string::npos;
+    const Result<OutputName> name = OutputName::parse(o.output, false);
+    const bool per_face = name && (name->uses("face") || name->uses("face_index"));
     o.packing = per_face ? find_packing("files") : &default_packing(*o.layout);
   }
   if (!packs(*o.packing, *o.layout)) {
@@ -184,6 +184,8 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
     shape.faces.push_back(size);
     texels += static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
   }
+  const int parts = o.packing->name == "parts" ? o.layout->face_count() : 1;
+  for (const std::string& path : job.paths) ENVCONV_CHECK(can_write(path, o.write, parts, shape.channels));
   // The source as read and as faces; then its faces, the result and the result packed.
   const std::size_t result = texels * static_cast<std::size_t>(shape.channels);
   shape.peak_bytes = sizeof(float) * (source_values + std::max(source_values, 2 * result));

@@ -71,15 +71,9 @@ Result<Ok> treat_nonfinite(const ConvertPlan& plan, const Job& job, EnvImage& im
 }
 
 void change_values(const ConvertOptions& o, EnvImage& image) {
-  if (o.drop_alpha && image.channels.alpha >= 0 && image.channels.count() > 1) {
-    for (Image& face : image.faces) face = without_channel(face, image.channels.alpha);
-    image.channels.names.erase(image.channels.names.begin() + image.channels.alpha);
-    image.channels.alpha = -1;
-  }
-  if (o.exposure != 0) {
-    const auto factor = static_cast<float>(std::exp2(o.exposure));
-    for (Image& face : image.faces) scale_color(face, image.channels.alpha, factor);
-  }
+  if (o.exposure == 0) return;
+  const auto factor = static_cast<float>(std::exp2(o.exposure));
+  for (Image& face : image.faces) scale_color(face, image.channels.alpha, factor);
 }
 
 // The pictures of each file to write.
@@ -201,11 +195,12 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   resample_options.threads = o.threads;
   resample_options.progress = progress;
   begin(static_cast<double>(texel_count(*o.layout, outcome.shape.height)));
-  ENVCONV_TRY(EnvImage result, resample(image, resample_options));
+  Result<EnvImage> result = resample(image, resample_options);
+  if (!result) return Error{result.error().code, job.input.name + ": " + result.error().message};
   image = {};
 
   const Rotation rotation = composed(source.rotation, o.rotation);
-  ENVCONV_CHECK(write_files(plan, job, rotation, source_type, std::move(result), outcome));
+  ENVCONV_CHECK(write_files(plan, job, rotation, source_type, std::move(*result), outcome));
   return outcome;
 }
 

@@ -33,6 +33,7 @@ Input input_named(const std::string& name, const InputHints& hints) {
 
 Result<Ok> check_readable(const Input& input) {
   for (const std::string& path : input.paths) {
+    if (path.empty()) return Error{ErrorCode::input, "\"\": an empty name is no file"};
     struct stat status;
     if (stat(path.c_str(), &status) != 0) {
       std::string text = path + ": cannot be read: " + std::strerror(errno);

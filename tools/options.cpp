@@ -142,9 +142,9 @@ void add_input_options(Command& command, InputOptions& target) {
 
 void add_general_options(Command& command, int& threads) {
   const std::string group = "General";
-  command.options.push_back(
-      in_group(integer_option("-j,--threads", "N", threads, 0, 4096, "worker threads; 0 stands for all cores"), group,
-               "all cores"));
+  command.options.push_back(in_group(integer_option("-j,--threads", "N", threads, 0, 4096,
+                                                    "worker threads, at most one a core; 0 stands for all cores"),
+                                     group, "all cores"));
   Option quiet{.names = "-q,--quiet", .help = "errors only: no warnings, no progress", .group = group};
   quiet.set = [](const std::string&) {
     set_verbosity(-1);

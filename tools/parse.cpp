@@ -12,6 +12,8 @@ namespace envconv::tool {
 namespace {
 
 Error usage(const Command& command, const std::string& text) {
+  // One advice is enough.
+  if (text.ends_with(')')) return {ErrorCode::usage, text};
   return {ErrorCode::usage, text + " (see 'envconv " + command.name + " --help')"};
 }
 

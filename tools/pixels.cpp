@@ -117,16 +117,4 @@ void scale_color(Image& image, int alpha, float factor) {
   }
 }
 
-Image without_channel(const Image& image, int channel) {
-  Image out(image.width(), image.height(), image.channels() - 1);
-  const float* from = image.data();
-  float* to = out.data();
-  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    for (int c = 0; c < image.channels(); ++c, ++from) {
-      if (c != channel) *to++ = *from;
-    }
-  }
-  return out;
-}
-
 }  // namespace envconv::tool

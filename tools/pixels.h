@@ -31,7 +31,5 @@ void repair_nonfinite(Image& image);
 
 /// Multiplies all channels but `alpha` by `factor`.
 void scale_color(Image& image, int alpha, float factor);
-/// The image without one channel.
-Image without_channel(const Image& image, int channel);
 
 }  // namespace envconv::tool

@@ -18,22 +18,6 @@ namespace {
 int the_verbosity = 0;
 int output_errno = 0;  // the first failed write to standard output
 
-// Bytes that would move the cursor or forge a line become visible; UTF-8 passes.
-std::string escaped(std::string_view line) {
-  std::string out;
-  for (const char c : line) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x20 || byte == 0x7f) {
-      char hex[5];
-      std::snprintf(hex, sizeof hex, "\\x%02x", byte);
-      out += hex;
-    } else {
-      out += c;
-    }
-  }
-  return out;
-}
-
 // One write for the whole line, so that lines of parallel runs do not mix.
 void to_stderr(const std::string& line) {
   std::string_view rest = line;
@@ -50,7 +34,23 @@ void to_stderr(const std::string& line) {
 void set_verbosity(int verbosity) { the_verbosity = verbosity; }
 int verbosity() { return the_verbosity; }
 
-void complain(std::string_view line) { to_stderr("envconv: " + escaped(line) + "\n"); }
+// Bytes that would move the cursor or forge a line become visible; UTF-8 passes.
+std::string visible(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte < 0x20 || byte == 0x7f) {
+      char hex[5];
+      std::snprintf(hex, sizeof hex, "\\x%02x", byte);
+      out += hex;
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
+void complain(std::string_view line) { to_stderr("envconv: " + visible(line) + "\n"); }
 
 void warn(std::string_view file, std::string_view line) {
   if (the_verbosity < 0) return;

@@ -17,6 +17,8 @@ namespace envconv::tool {
 void set_verbosity(int verbosity);
 int verbosity();
 
+/// The text with control characters, which file names may hold, escaped.
+std::string visible(std::string_view text);
 /// Prints "envconv: LINE" to stderr; control characters, which file names may hold, are escaped.
 void complain(std::string_view line);
 /// The same for warnings, unless --quiet.

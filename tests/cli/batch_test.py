@@ -30,6 +30,12 @@ class Batch(Case):
         self.run_tool("convert", "./a.exr", "-o", "{dir}/out/{{x}}_{stem}.exr").is_silent()
         self.assertEqual(self.outputs(), ["out/{x}_a.exr"])
 
+    def test_escaped_braces_are_no_field(self):
+        self.run_tool("convert", "a.exr", "-o", "out/{{face}}.exr", "--size", 8).is_silent()
+        self.assertEqual(self.outputs(), ["out/{face}.exr"])
+        self.run_tool("convert", "a.exr", "-o", "out/{{face}}_{face}.exr", "--size", 8).is_silent()
+        self.assertIn("out/{face}_px.exr", self.outputs())
+
     def test_folder(self):
         self.run_tool("convert", "a.exr", "b.exr", "-o", "out/").is_silent()
         self.assertEqual(self.outputs(), ["out/a.exr", "out/b.exr"])

@@ -5,6 +5,7 @@ import os
 import pathlib
 import shutil
 import signal
+import struct
 import subprocess
 import time
 import unittest
@@ -113,6 +114,39 @@ class Pixels(Case):
         self.assertEqual(sorted(channels), ["B", "G", "R"])
         self.assertEqual(channels["R"][3][3], 0.125)
 
+    def test_dropped_alpha_leaves_colour_as_stored(self):
+        # OpenEXR stores colour times alpha, PNG stores colour: 188/255 in sRGB is 0.5029.
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: (0.5, 0.25, 0.125, 0.5), "RGBA")
+        self.run_tool("convert", "in.exr", "-o", "in.png", "--to", "latlong", "--type", "uint16").is_silent()
+        for source, red, green in (("in.exr", 0.5, 0.25), ("in.png", 1, 0.5)):
+            out = ("-o", "out.exr", "--to", "latlong", *PLAIN)
+            self.run_tool("convert", source, *out).is_silent()
+            channels = read_exr(self.path("out.exr"))[2]
+            self.assertAlmostEqual(channels["G"][3][3], 0.25, delta=1e-4)
+            self.run_tool("convert", source, *out, "--alpha", "drop").is_silent()
+            channels = read_exr(self.path("out.exr"))[2]
+            self.assertEqual(sorted(channels), ["B", "G", "R"])
+            self.assertAlmostEqual(channels["R"][3][3], red, delta=1e-4)
+            self.assertAlmostEqual(channels["G"][3][3], green, delta=1e-4)
+
+    def test_the_same_layout_and_size_keep_every_bit(self):
+        odd = (1e-42, 65000.0, 1e38, -0.0, -3.7, 1 / 3)
+        write_exr(self.path("in.exr"), 64, 32, lambda x, y: tuple(odd[(x + 3 * y + i * x * y) % 6] for i in range(3)))
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--to", "latlong", *PLAIN).is_silent()
+        before, after = (read_exr(self.path(name))[2] for name in ("in.exr", "out.exr"))
+        for channel in "RGB":
+            for a, b in zip(before[channel], after[channel]):
+                self.assertEqual(struct.pack("<64f", *a), struct.pack("<64f", *b))
+
+    def test_the_number_of_threads_changes_nothing(self):
+        write_directions(self.path("in.exr"))
+        for kind in ("exr", "hdr", "tif"):
+            outputs = set()
+            for threads in (1, 2, 7):
+                self.run_tool("convert", "in.exr", "-o", f"out.{kind}", "--to", "octahedral", "-q", "-j", threads)
+                outputs.add(self.path(f"out.{kind}").read_bytes())
+            self.assertEqual(len(outputs), 1, kind)
+
     def test_size_texels_and_auto(self):
         write_constant(self.path("in.exr"), 1, 64, 32)
         self.assertEqual(self.json("convert", "in.exr", "-o", "a.exr", "--size", 20)["size"], 20)
@@ -192,6 +226,43 @@ class Formats(Case):
         self.run_tool("convert", "in.exr", "-o", "o.exr", "--to", "latlong", "--packing", "cross", expect=5)
         self.says("cross", "latlong")
         self.assertEqual(self.files(), ["in.exr"])
+
+    def test_channels_that_do_not_fit_are_found_before_the_work(self):
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: (1, 1, 1, 1), "RGBA")
+        for options in ((), ("--dry-run",)):
+            self.run_tool("convert", "in.exr", "-o", "out.hdr", *options, expect=5).says("4 channels", "--alpha drop")
+        self.assertEqual(self.files(), ["in.exr"])
+        self.run_tool("convert", "in.exr", "-o", "out.hdr", "--alpha", "drop").is_silent()
+
+    def test_every_format_with_metadata_is_recognised_again(self):
+        write_constant(self.path("in.exr"))
+        for kind in ("exr", "hdr", "png", "tif", "jpg", "tga"):
+            # As long as the line becomes: TGA stores it in pieces.
+            self.run_tool("convert", "in.exr", "-o", f"out.{kind}", "--to", "polar-capped-conformal", "--frame",
+                          "renderman", "--rotate", "10.123456,-20.25,170.5", "--size", 8).is_silent()
+            info = self.json("info", f"out.{kind}")
+            self.assertEqual((self.err, info["layout"], info["packing"], info["frame"]),
+                             ("", "polar-capped-conformal", "grid", "renderman"), kind)
+            for angle, wanted in zip(info["rotation"], (10.123456, -20.25, 170.5)):
+                self.assertAlmostEqual(angle, wanted, delta=1e-6, msg=kind)
+
+    def test_a_library_with_threads_of_its_own(self):
+        # A reader that inherits a lock from a thread that it does not inherit waits for ever: now and then.
+        write_constant(self.path("in.exr"), 0.5, 256, 128)
+        self.run_tool("convert", "in.exr", "-o", "in.tif", "--to", "latlong")
+        for _ in range(8):
+            self.assertEqual(self.run_tool("info", "in.tif", timeout=15).err, "")
+
+    def test_without_proc(self):
+        hidden = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
+        if subprocess.run([*hidden, "true"], capture_output=True).returncode != 0:
+            self.skipTest("may not hide /proc")
+        write_constant(self.path("in.exr"), 0.5)
+        for kind in ("exr", "png", "tif", "jpg", "tga", "bmp", "webp", "ppm", "hdr"):
+            for source, output in (("in.exr", f"out.{kind}"), (f"out.{kind}", "back.exr")):
+                done = subprocess.run([*hidden, BINARY, "convert", source, "-o", output, "--to", "latlong", "-q"],
+                                      cwd=self.folder, capture_output=True, timeout=60)
+                self.assertEqual((done.returncode, done.stderr), (0, b""), (source, output))
 
     def test_verify(self):
         write_directions(self.path("in.exr"))

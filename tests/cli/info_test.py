@@ -42,6 +42,26 @@ class Info(Case):
         self.assertIn("not recognised", self.run_tool("info", "in.exr").out)
         self.run_tool("info", "in.exr", "--from", "latlong", expect=3)
 
+    def test_ambiguity_lists_the_candidates(self):
+        write_constant(self.path("in.exr"), 0.5, 16, 16)
+        info = self.json("info", "in.exr")
+        self.assertIsNone(info["layout"])
+        self.assertEqual(info["channels"][0]["max"], 0.5)
+        for name in ("octahedral", "angular-map", "mirror-ball"):
+            self.assertIn(name, info["candidates"])
+        out = self.run_tool("info", "in.exr").out
+        for part in ("could be any of", "octahedral", "--from", "16x16"):
+            self.assertIn(part, out)
+        self.assertEqual(self.err, "")
+        self.assertNotIn("candidates", self.json("info", "in.exr", "--from", "octahedral"))
+
+    def test_names_cannot_forge_lines(self):
+        name = "a\nlayout\x1b[31m.exr"
+        write_constant(self.path(name))
+        self.assertIn("a\\x0alayout\\x1b[31m.exr\n", self.run_tool("info", name).out)
+        self.assertEqual(self.json("info", name)["file"], name)
+        self.assertEqual(len(self.run_tool("convert", name, "-o", "out.exr", "--dry-run").out.splitlines()), 1)
+
     def test_six_files(self):
         for face in ("px", "nx", "py", "ny", "pz", "nz"):
             write_constant(self.path(f"{face}.exr"), 1, 8, 8)

@@ -54,6 +54,14 @@ class Usage(Case):
         for option in ("--type", "--alpha", "--nonfinite", "--filter", "--progress", "--packing", "--frame"):
             self.run_tool("convert", "a.exr", "-o", "b.exr", option, "nonsense", expect=2).says("nonsense")
 
+    def test_an_empty_name(self):
+        self.run_tool("info", "", expect=3).says('"": an empty name')
+        self.run_tool("convert", "", "-o", "b.exr", expect=3).says('"": an empty name')
+
+    def test_one_advice_is_enough(self):
+        self.run_tool("convert", "a.exr", "-o", "b.exr", "--to", "octahedrl", expect=2)
+        self.assertEqual(self.err.count("("), 1)
+
     def test_size_and_texels_exclude_each_other(self):
         self.run_tool("convert", "a.exr", "-o", "b.exr", "--size", 8, "--texels", "1k", expect=2).says("only one")
 

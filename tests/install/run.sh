@@ -13,8 +13,8 @@ cmake --build "$work/consumer"
 
 PKG_CONFIG_PATH=$(dirname "$(find "$work/prefix" -name envconv.pc)")
 export PKG_CONFIG_PATH
-# shellcheck disable=SC2046
-c++ -std=c++20 "$here/consumer.cpp" -o "$work/consumer_pc" $(pkg-config --cflags --libs envconv)
+# shellcheck disable=SC2046,SC2086
+c++ -std=c++20 ${CXXFLAGS-} "$here/consumer.cpp" -o "$work/consumer_pc" $(pkg-config --cflags --libs envconv)
 
 input=$here/../../testdata/panoramas/venice.hdr
 "$work/consumer/consumer" "$input" "$work/a.exr"
