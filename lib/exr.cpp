@@ -231,7 +231,7 @@ struct Window {
 int level_count(const Imf::TileDescription& tiles, std::int64_t width, std::int64_t height) {
   if (tiles.mode == Imf::ONE_LEVEL) return 1;
   const auto size = static_cast<std::uint64_t>(std::max(width, height));
-  const int down = std::bit_width(size) - 1;
+  const int down = static_cast<int>(std::bit_width(size)) - 1;
   return 1 + down + (tiles.roundingMode == Imf::ROUND_UP && !std::has_single_bit(size) ? 1 : 0);
 }
 

@@ -5,12 +5,12 @@ foreach(test IN ITEMS usage convert batch info documents)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
-    "ENVCONV=$<TARGET_FILE:envconv_tool>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}")
+    "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};ENVCONV_SANITIZE=${sanitizers}")
 endforeach()
 
 # Against other programs, which must be there.
 add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/oracle_test.py)
-set(oracle_environment ENVCONV=$<TARGET_FILE:envconv_tool> ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}
+set(oracle_environment ENVCONV=$<TARGET_FILE:envconv> ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}
                        PYTHONPATH=${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
 set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT "${oracle_environment}")
 

@@ -5,7 +5,7 @@ include(GoogleTest)
 function(envconv_test name)
   cmake_parse_arguments(arg "" "" "LABELS;LIBRARIES" ${ARGN})
   add_executable(${name} tests/${name}.cpp)
-  target_link_libraries(${name} PRIVATE envconv GTest::gtest GTest::gtest_main ${arg_LIBRARIES})
+  target_link_libraries(${name} PRIVATE libenvconv GTest::gtest GTest::gtest_main ${arg_LIBRARIES})
   target_compile_definitions(${name} PRIVATE ENVCONV_TESTDATA="${CMAKE_CURRENT_SOURCE_DIR}/testdata"
                                              ENVCONV_BUILD="${CMAKE_CURRENT_BINARY_DIR}")
   add_test(NAME ${name} COMMAND ${name})
@@ -35,4 +35,4 @@ endif()
 
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).
 add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
-target_link_libraries(resample_bench PRIVATE envconv TBB::tbb)
+target_link_libraries(resample_bench PRIVATE libenvconv TBB::tbb)

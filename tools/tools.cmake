@@ -10,24 +10,22 @@ foreach(line IN LISTS lines)
   list(APPEND command_sources ${file})
 endforeach()
 
-add_executable(envconv_tool
+add_executable(envconv
   tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/input.cpp
   tools/output_name.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
   tools/describe.cpp tools/generate.cpp ${command_sources})
-set_target_properties(envconv_tool PROPERTIES OUTPUT_NAME envconv RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
-target_link_libraries(envconv_tool PRIVATE envconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy)
+set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
+target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
   "ENVCONV_VERSION=\"${PROJECT_VERSION}\";ENVCONV_OPENEXR_VERSION=\"${OPENEXR_VERSION}\";ENVCONV_OIIO_VERSION=\"${OIIO_VERSION}\"")
-# g++ 12 warns of overlap in `"literal" + std::string` where there is none (GCC bug 105651).
-target_compile_options(envconv_tool PRIVATE -Wno-restrict)
 # The module is needed at run time, not at link time.
-add_dependencies(envconv_tool envconv_imageio)
+add_dependencies(envconv envconv_imageio)
 
 # --- installation ------------------------------------------------------------------------------------------------------
 include(CMakePackageConfigHelpers)
-target_compile_features(envconv PUBLIC cxx_std_20)  # so that a consumer's compiler is told
-install(TARGETS envconv EXPORT envconv ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(TARGETS envconv_tool RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+target_compile_features(libenvconv PUBLIC cxx_std_20)  # so that a consumer's compiler is told
+install(TARGETS libenvconv EXPORT envconv ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS envconv RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(TARGETS envconv_imageio LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/envconv)
 install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/envconv)
 install(FILES man/envconv.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
@@ -52,7 +50,7 @@ foreach(pair IN ITEMS "bash;bash-completion/completions/envconv" "zsh;zsh/site-f
   list(GET pair 1 place)
   set(script ${CMAKE_CURRENT_BINARY_DIR}/completions/envconv.${shell})
   add_custom_command(OUTPUT ${script} COMMAND ${CMAKE_COMMAND} -E make_directory ${CMAKE_CURRENT_BINARY_DIR}/completions
-                     COMMAND envconv_tool completion ${shell} > ${script} DEPENDS envconv_tool VERBATIM)
+                     COMMAND envconv completion ${shell} > ${script} DEPENDS envconv VERBATIM)
   list(APPEND completion_scripts ${script})
   get_filename_component(folder ${place} DIRECTORY)
   get_filename_component(name ${place} NAME)

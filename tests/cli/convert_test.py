@@ -257,11 +257,13 @@ class Formats(Case):
         hidden = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
         if subprocess.run([*hidden, "true"], capture_output=True).returncode != 0:
             self.skipTest("may not hide /proc")
+        # A search for leaks needs /proc itself.
+        environment = {**os.environ, "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"}
         write_constant(self.path("in.exr"), 0.5)
         for kind in ("exr", "png", "tif", "jpg", "tga", "bmp", "webp", "ppm", "hdr"):
             for source, output in (("in.exr", f"out.{kind}"), (f"out.{kind}", "back.exr")):
                 done = subprocess.run([*hidden, BINARY, "convert", source, "-o", output, "--to", "latlong", "-q"],
-                                      cwd=self.folder, capture_output=True, timeout=60)
+                                      cwd=self.folder, capture_output=True, timeout=60, env=environment)
                 self.assertEqual((done.returncode, done.stderr), (0, b""), (source, output))
 
     def test_verify(self):

@@ -16,6 +16,7 @@ import zlib
 
 BINARY = os.path.abspath(os.environ["ENVCONV"])
 SOURCE = pathlib.Path(os.environ["ENVCONV_SOURCE"]).resolve()
+SANITIZED = bool(os.environ.get("ENVCONV_SANITIZE"))  # a build that is many times slower
 PANORAMAS = SOURCE / "testdata" / "panoramas"
 
 
