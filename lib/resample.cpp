@@ -102,7 +102,7 @@ class Resampler {
       run_group(source, out, 4 * g);
     }
     if (stopped_) return Error{ErrorCode::output, "stopped"};
-    keep_mean(out);
+    if (filter_.kernel != Kernel::nearest || filter_.spacing > 0) keep_mean(out);  // "nearest" means the texel as it is
     return out;
   }
 

@@ -412,6 +412,17 @@ TEST(Resample, GrowingIsSmooth) {
       }
 }
 
+// Labels survive: the nearest filter invents no values.
+TEST(Resample, NearestTakesTexelsAsTheyAre) {
+  const EnvImage source =
+      paint(*find_layout("latlong"), 40, 1, [](Vec3 d, float* p) { p[0] = d.x + d.y > 0.3 ? 7.0f : 2.0f; });
+  ResampleOptions options = to(*find_layout("cube"), 50);
+  options.filter = find_filter("nearest");
+  const EnvImage out = convert(source, options);
+  for (const Image& face : out.faces)
+    for (std::size_t i = 0; i < face.value_count(); ++i) ASSERT_TRUE(face.data()[i] == 7.0f || face.data()[i] == 2.0f);
+}
+
 TEST(Resample, ManyChannelsAndNone) {
   const EnvImage source = paint(*find_layout("latlong"), 32, 6, [](Vec3 d, float* p) {
     for (int c = 0; c < 6; ++c) p[c] = float(c + 1 + 0.5 * d.x);

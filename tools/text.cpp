@@ -11,6 +11,7 @@
 #include <cstring>
 
 #include "layout.h"
+#include "output_file.h"
 
 namespace envconv::tool {
 namespace {
@@ -34,21 +35,7 @@ void to_stderr(const std::string& line) {
 void set_verbosity(int verbosity) { the_verbosity = verbosity; }
 int verbosity() { return the_verbosity; }
 
-// Bytes that would move the cursor or forge a line become visible; UTF-8 passes.
-std::string visible(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x20 || byte == 0x7f) {
-      char hex[5];
-      std::snprintf(hex, sizeof hex, "\\x%02x", byte);
-      out += hex;
-    } else {
-      out += c;
-    }
-  }
-  return out;
-}
+std::string visible(std::string_view text) { return printable(std::string(text)); }
 
 void complain(std::string_view line) { to_stderr("envconv: " + visible(line) + "\n"); }
 

@@ -10,7 +10,8 @@ import subprocess
 import time
 import unittest
 
-from harness import (BINARY, PANORAMAS, Case, read_exr, write_constant, write_directions, write_exr, write_png)
+from harness import (BINARY, PANORAMAS, SANITIZED, Case, read_exr, write_constant, write_directions, write_exr,
+                     write_png)
 
 PLAIN = ("--compression", "none", "--type", "float")
 # Where the centres of the faces look, in the world frame.
@@ -253,17 +254,16 @@ class Formats(Case):
         for _ in range(8):
             self.assertEqual(self.run_tool("info", "in.tif", timeout=15).err, "")
 
+    @unittest.skipIf(SANITIZED, "a sanitizer needs /proc itself")
     def test_without_proc(self):
         hidden = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
         if subprocess.run([*hidden, "true"], capture_output=True).returncode != 0:
             self.skipTest("may not hide /proc")
-        # A search for leaks needs /proc itself.
-        environment = {**os.environ, "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"}
         write_constant(self.path("in.exr"), 0.5)
         for kind in ("exr", "png", "tif", "jpg", "tga", "bmp", "webp", "ppm", "hdr"):
             for source, output in (("in.exr", f"out.{kind}"), (f"out.{kind}", "back.exr")):
                 done = subprocess.run([*hidden, BINARY, "convert", source, "-o", output, "--to", "latlong", "-q"],
-                                      cwd=self.folder, capture_output=True, timeout=60, env=environment)
+                                      cwd=self.folder, capture_output=True, timeout=60)
                 self.assertEqual((done.returncode, done.stderr), (0, b""), (source, output))
 
     def test_verify(self):
