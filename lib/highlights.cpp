@@ -21,7 +21,6 @@ constexpr double most_texels = 1.0 / 8;
 // Slivers (at a pole of latlong, say): side ratio above which a highlight is spread along its short side.
 constexpr double sliver_ratio = 2.0;
 constexpr int longest_spread = 64;  // texels
-constexpr double fixed_point = 0x1p50;
 
 // Threshold from a histogram of a sample of texels: 4 bins an octave, each with the sum of its values.
 struct Histogram {
@@ -309,7 +308,8 @@ std::vector<StrandedEnergy> Source::conserve_highlights() {
           float* e = block.excess[y % side * side + x % side];
           if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
           const double own = omega[(y - y0) * (x1 - x0) + (x - x0)];
-          const double got = static_cast<double>(block.received[y % side * side + x % side]) / fixed_point;
+          const double got =
+              static_cast<double>(block.received[y % side * side + x % side]) * Highlights::received_unit;
           if (got > 0) {
             const float scale = static_cast<float>(own / got);
             for (int c = 0; c < 4; ++c) e[c] *= scale;

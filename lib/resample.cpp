@@ -40,10 +40,9 @@ namespace envconv {
 namespace {
 
 constexpr int tile_rows = 32;
-constexpr int tallest_face = 1 << 24;   // more texels than any memory
-constexpr double sliver_limit = 4.0;    // longest side over shortest that the sampling follows
-constexpr int sliver_samples = 24;      // samples a side where highlights lie on slivers
-constexpr double fixed_point = 0x1p50;  // of Highlights::Block::received
+constexpr int tallest_face = 1 << 24;  // more texels than any memory
+constexpr double sliver_limit = 4.0;   // longest side over shortest that the sampling follows
+constexpr int sliver_samples = 24;     // samples a side where highlights lie on slivers
 
 struct Tile {
   int face, x0, y0, width, height;
@@ -425,7 +424,7 @@ class Resampler {
           }
           const int i = s % tile.width;
           const double share = omega[static_cast<std::size_t>(j * tile.width + i)] *
-                               static_cast<double>(w.weight[s] / w.total[i]) * fixed_point;
+                               static_cast<double>(w.weight[s] / w.total[i]) / Highlights::received_unit;
           ENVCONV_ASSERT(share >= 0);
           for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
                                  [&](Highlights::Block& block, int texel, float weight) {
@@ -492,14 +491,6 @@ class Resampler {
   double share_done_ = 0, share_step_ = 1;
 };
 
-// Texels of the source with the widest apron that a filter asks for.
-std::int64_t padded_texels(const EnvImage& source) {
-  constexpr std::int64_t aprons = 2 * 13;
-  std::int64_t n = 0;
-  for (const Image& face : source.faces) n += (face.width() + aprons) * (face.height() + aprons);
-  return n;
-}
-
 }  // namespace
 
 Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options) {
@@ -508,8 +499,6 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
     return Error{ErrorCode::unsupported, "the source has no pixels"};
   if (!options.layout || options.height < 1) return Error{ErrorCode::usage, "no output layout or size"};
   if (options.height > tallest_face) return Error{ErrorCode::limit, "the output has too many texels"};
-  if (padded_texels(source) > std::numeric_limits<std::int32_t>::max())
-    return Error{ErrorCode::limit, "the source has more texels than can be addressed (2^31 with its aprons)"};
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
   try {
     Resampler resampler(source, options, filter);
@@ -528,7 +517,11 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
 std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options) {
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
-  const std::size_t padded = static_cast<std::size_t>(padded_texels(source)) * 4 * sizeof(float);
+  const int aprons = 2 * apron_width((options.filter ? *options.filter : all_filters().front()).kernel);
+  std::size_t padded = 0;
+  for (const Image& face : source.faces)
+    padded += static_cast<std::size_t>(face.width() + aprons) * static_cast<std::size_t>(face.height() + aprons) * 4 *
+              sizeof(float);
   return out + padded + (std::size_t{16} << 20);
 }
 

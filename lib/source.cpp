@@ -61,11 +61,15 @@ struct AdoptTable {
 
 }  // namespace
 
+int apron_width(Kernel kernel) {
+  const int reach = taps(kernel) / 2 + 1;
+  return kernel == Kernel::omoms ? prefilter_margin + reach : std::max(reach, 4);
+}
+
 Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
     : layout_(image.layout), placement_(image.placement) {
   ENVCONV_ASSERT(image.faces.size() == layout_->info().faces.size() && first_channel < image.channels.count());
-  const int reach = taps(filter.kernel) / 2 + 1;
-  apron_ = filter.kernel == Kernel::omoms ? prefilter_margin + reach : std::max(reach, 4);
+  apron_ = apron_width(filter.kernel);
   std::int64_t total = 0;
   std::int32_t blocks = 0;
   for (int f = 0; f < layout_->face_count(); ++f) {

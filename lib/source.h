@@ -33,9 +33,13 @@ struct SourceFace {
   std::int32_t first_block = 0;
 };
 
+/// Texels of apron on every side that reading with a kernel needs.
+int apron_width(Kernel kernel);
+
 /// The excess of highlights over the threshold, in blocks of texels; most blocks are absent.
 struct Highlights {
-  static constexpr int side = 16;  ///< of a block, in padded texels
+  static constexpr int side = 16;                   ///< of a block, in padded texels
+  static constexpr double received_unit = 0x1p-50;  ///< of Block::received, in steradians
   struct Block {
     float excess[side * side][4];
     std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
