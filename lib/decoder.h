@@ -54,6 +54,7 @@ class Decoder {
 struct DecoderOptions {
   std::int64_t max_pixels = 0;
   int threads = 1;
+  int level = 0;  ///< whose pictures spec() and decode() speak of
 };
 
 /// Bytes of an element.

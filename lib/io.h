@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -14,9 +15,11 @@
 
 namespace envconv {
 
-/// Stored type of a channel.
-enum class PixelType { half, float32, uint8, uint16, uint32 };
-std::string_view name_of(PixelType type);  ///< "half", "float", "uint8", "uint16", "uint32"
+/// Stored type of a channel, or, from r11g11b10f on, of a whole texel in the containers that engines load: unsigned
+/// floats of 11, 11 and 10 bits; three 9-bit mantissas that share an exponent; blocks of 4x4 texels in 16 bytes (BC6H,
+/// unsigned).
+enum class PixelType { half, float32, uint8, uint16, uint32, r11g11b10f, rgb9e5, bc6h };
+std::string_view name_of(PixelType type);  ///< "half", "float", "uint8" ... "r11g11b10f", "rgb9e5", "bc6h"
 
 /// String attributes by name, "envconv:layout" and the like, and the "envmap" of EXR ("latlong", "cube", or when read
 /// "unknown N" for a kind that OpenEXR does not define).
@@ -33,11 +36,11 @@ struct Picture {
 /// A file as it was read.
 struct PictureFile {
   std::string path;
-  std::string format;       ///< "openexr", "hdr", "png", "tiff", "jpeg" ...
-  std::string compression;  ///< the format's name for it, or ""
-  std::string color;        ///< how values were made linear: "linear", "sRGB", "gamma 2.2" ...
-  int levels = 1;           ///< MIP levels in the file
-  std::vector<Picture> pictures;
+  std::string format;             ///< "openexr", "hdr", "png", "tiff", "jpeg" ...
+  std::string compression;        ///< the format's name for it, or ""
+  std::string color;              ///< how values were made linear: "linear", "sRGB", "gamma 2.2" ...
+  int levels = 1;                 ///< MIP levels in the file
+  std::vector<Picture> pictures;  ///< of the level asked for
   Metadata metadata;
   std::vector<std::string> warnings;  ///< one line each: overscan cropped, channels left out ...
 };
@@ -48,6 +51,7 @@ struct ReadOptions {
   bool trust_input = false;                         ///< decode in this process, without isolation
   bool header_only = false;                         ///< pixels are not decoded: images have a size and no pixels
   int threads = 0;                                  ///< decoding threads; 0: all cores
+  int level = 0;                                    ///< of a file with levels; one that it lacks is an input error
   /// The alpha channel is left out, and colour is as stored: that of EXR is what lies over black, and that of PNG,
   /// which keeps colour apart from alpha, is not multiplied by it.
   bool drop_alpha = false;
@@ -64,12 +68,20 @@ Result<PictureFile> read_pictures(const std::string& path, const ReadOptions& op
 /// thing); without it, the first isolated read starts it.  It costs nothing until a file needs the image library.
 void start_isolated_reader();
 
+/// What integers hold.
+enum class Encoding {
+  srgb,  ///< colour along sRGB's curve: the writer applies it
+  as_is  ///< the values as they are given: data, or colour that was encoded already
+};
+
 /// How to write.
 struct WriteOptions {
   PixelType type = PixelType::half;
   bool type_given = false;  ///< false: the nearest that the format has
   std::string compression;  ///< "" for the format's usual; "zip", "piz", "dwaa:45", "jpeg quality" as the format has
   Metadata metadata;
+  Encoding encoding = Encoding::srgb;
+  bool cube = false;  ///< the pictures of a level are the six faces of a cube, +x -x +y -y +z -z
   int threads = 0;
   bool verify = false;  ///< read back and compare before the file takes its name
 };
@@ -83,13 +95,19 @@ struct WriteReport {
   std::vector<std::string> warnings;
 };
 
-/// True when the path's extension names a format that can be written: the reason otherwise.
-Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels);
+/// True when the path's extension names a format that can be written, with so many pictures (EXR parts; faces or layers
+/// of DDS and KTX) and MIP levels: the reason otherwise.
+Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels = 1);
 
 /// Writes pictures (more than one: EXR parts) to a temporary name in the same folder, syncs and renames: a reader never
 /// sees half a file, and a failure leaves the old content and nothing else.  Pixels are linear; integer formats are
 /// written as sRGB.  Errors: output, unsupported.
 Result<WriteReport> write_pictures(const std::string& path, const std::vector<Picture>& pictures,
                                    const WriteOptions& options);
+
+/// The same with MIP levels, level 0 first: every level has the same pictures in the same order, and sizes halve,
+/// rounded down, to at least 1.
+Result<WriteReport> write_levels(const std::string& path, std::span<const std::vector<Picture>> levels,
+                                 const WriteOptions& options);
 
 }  // namespace envconv

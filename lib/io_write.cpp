@@ -1,0 +1,468 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writing files: what formats hold, values to elements, and the way to the disk.
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <span>
+
+#include "decoder.h"
+#include "exr.h"
+#include "hdr.h"
+#include "imageio_loader.h"
+#include "io_shared.h"
+
+namespace envconv {
+namespace {
+
+// --- formats that can be written -----------------------------------------------------------------------------------
+
+struct Format {
+  const char* extension;
+  const char* name;              // the image library's
+  std::vector<PixelType> types;  // the first is what it usually holds
+  std::vector<int> channels;     // counts; empty: any
+  const char* compressions;      // names, or ""
+  const char* attribute;         // where our line of metadata goes, or "" when it cannot
+  bool lossy;                    // by nature
+};
+
+const std::vector<Format>& formats() {
+  using enum PixelType;
+  static const std::vector<Format>* const table = new std::vector<Format>{
+      {"exr", "openexr", {half, float32, uint32}, {}, "", "", false},
+      {"hdr", "hdr", {float32}, {1, 3}, "rle", "", false},
+      {"pic", "hdr", {float32}, {1, 3}, "rle", "", false},
+      {"png", "png", {uint8, uint16}, {1, 2, 3, 4}, "0-9", "ImageDescription", false},
+      {"tif", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false},
+      {"tiff", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false},
+      {"jpg", "jpeg", {uint8}, {1, 3}, "1-100", "ImageDescription", true},
+      {"jpeg", "jpeg", {uint8}, {1, 3}, "1-100", "ImageDescription", true},
+      {"tga", "targa", {uint8}, {1, 3, 4}, "none rle", "ImageDescription", false},
+      {"bmp", "bmp", {uint8}, {1, 3, 4}, "", "", false},
+      // The WebP writer divides by alpha whatever it is told, so colour under alpha would be wrong.
+      {"webp", "webp", {uint8}, {3}, "1-100", "", true},
+      {"ppm", "pnm", {uint8}, {3}, "", "", false},
+      {"pgm", "pnm", {uint8}, {1}, "", "", false},
+      {"pnm", "pnm", {uint8}, {1, 3}, "", "", false},
+      {"pfm", "pfm", {float32}, {1, 3}, "", "", false},
+  };
+  return *table;
+}
+
+Result<const Format*> format_of(const std::string& path) {
+  const std::string extension = extension_of(path);
+  std::string list;
+  for (const Format& format : formats()) {
+    if (extension == format.extension) return &format;
+    list += (list.empty() ? "" : " ") + std::string(format.extension);
+  }
+  return on(
+      path, ErrorCode::unsupported,
+      (extension.empty() ? std::string("has no extension") : "unknown extension \"." + printable(extension) + "\"") +
+          " (can be written: " + list + ")");
+}
+
+Result<PixelType> type_for(const std::string& path, const Format& format, const WriteOptions& options) {
+  const auto has = [&](PixelType type) {
+    return std::find(format.types.begin(), format.types.end(), type) != format.types.end();
+  };
+  // Half in TIFF is known to few programs: only on request.
+  const bool wanted = has(options.type) && (options.type_given || format.types.front() == PixelType::half ||
+                                            options.type != PixelType::half);
+  if (wanted) return options.type;
+  if (options.type_given) {
+    std::string list;
+    for (const PixelType type : format.types) list += (list.empty() ? "" : ", ") + std::string(name_of(type));
+    return on(path, ErrorCode::unsupported,
+              "the format cannot hold " + std::string(name_of(options.type)) + " (it holds " + list + ")");
+  }
+  using enum PixelType;
+  const std::vector<PixelType> nearest = options.type == uint8    ? std::vector{uint8, half, uint16, float32}
+                                         : options.type == uint16 ? std::vector{uint16, float32, uint8, half}
+                                         : options.type == uint32 ? std::vector{uint32, float32, uint16, uint8, half}
+                                         : options.type == half   ? std::vector{float32, uint8}
+                                                                  : std::vector{float32, uint16, uint8};
+  for (const PixelType type : nearest) {
+    if (has(type)) return type;
+  }
+  return format.types.front();
+}
+
+// The image library's text for a compression that the format has.
+Result<std::string> compression_for(const std::string& path, const Format& format, const std::string& asked) {
+  if (std::string_view(format.name) == "openexr") {
+    const auto checked = check_exr_compression(asked);
+    if (!checked) return on(path, checked.error());
+    return asked;
+  }
+  if (asked.empty()) return std::string(std::string_view(format.name) == "tiff" ? "zip" : "");
+  std::string text = asked;
+  const std::string prefix = std::string(format.name) + ":";
+  if (text.compare(0, prefix.size(), prefix) == 0) text = text.substr(prefix.size());
+  if (text.compare(0, 8, "quality ") == 0) text = text.substr(8);
+  int number = -1;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), number);
+  const bool is_number = parsed.ec == std::errc() && parsed.ptr == text.data() + text.size();
+  const std::string_view known = format.compressions;
+  if (is_number && known.substr(0, 5) == "1-100" && number >= 1 && number <= 100) {
+    return std::string(format.name) + ":" + text;
+  }
+  if (is_number && known == "0-9" && number >= 0 && number <= 9) return std::string("png:") + text;
+  for (std::size_t at = 0; at < known.size();) {
+    const std::size_t end = std::min(known.find(' ', at), known.size());
+    if (known.substr(at, end - at) == text && !is_number) return text;
+    at = end + 1;
+  }
+  return on(path, ErrorCode::unsupported,
+            "the format has no compression \"" + printable(asked) + "\"" +
+                (known.empty() ? std::string(" (it has only one)") : " (it has " + std::string(known) + ")"));
+}
+
+Result<Ok> check_channels(const std::string& path, const Format& format, int channels) {
+  if (channels < 1) return on(path, ErrorCode::unsupported, "a picture without channels");
+  if (channels > 1023) return on(path, ErrorCode::unsupported, "too many channels");
+  if (format.channels.empty()) return Ok{};
+  if (std::find(format.channels.begin(), format.channels.end(), channels) != format.channels.end()) return Ok{};
+  std::string list;
+  for (const int count : format.channels) list += (list.empty() ? "" : ", ") + std::to_string(count);
+  std::string hint = "it holds " + list;
+  if (channels == 2 || channels == 4) hint += "; --alpha drop leaves alpha out";
+  return on(path, ErrorCode::unsupported,
+            "the format cannot hold " + std::to_string(channels) + " channels (" + hint + ")");
+}
+
+// --- linear pixels to elements -------------------------------------------------------------------------------------
+
+// Rounds a linear value in [0, 1] to the nearest code of the sRGB curve.  The curve is tabulated where codes change, so
+// the answer is that of the formula in double precision, at the price of a few comparisons.
+class SrgbEncoder {
+ public:
+  explicit SrgbEncoder(int top, int shift) : top_(top), shift_(shift), changes_(static_cast<std::size_t>(top) + 1) {
+    for (int code = 0; code < top; ++code) {
+      changes_[static_cast<std::size_t>(code)] = static_cast<float>(srgb_to_linear((code + 0.5) / top));
+    }
+    changes_[static_cast<std::size_t>(top)] = 2;  // a sentinel
+    const std::uint32_t last = std::bit_cast<std::uint32_t>(1.f) >> shift_;
+    first_ = std::bit_cast<std::uint32_t>(kSmall) >> shift_;
+    for (std::uint32_t bin = first_; bin <= last; ++bin) {
+      const float value = std::bit_cast<float>(bin << shift_);
+      starts_.push_back(
+          static_cast<std::uint16_t>(std::upper_bound(changes_.begin(), changes_.end(), value) - changes_.begin()));
+    }
+  }
+  int operator()(float v) const {
+    if (v < kSmall) return static_cast<int>(std::rint(v * 12.92f * static_cast<float>(top_)));
+    std::size_t code = starts_[(std::bit_cast<std::uint32_t>(v) >> shift_) - first_];
+    while (v >= changes_[code]) ++code;
+    return static_cast<int>(code);
+  }
+
+ private:
+  static constexpr float kSmall = 0x1p-13f;
+  int top_, shift_;
+  std::uint32_t first_ = 0;
+  std::vector<float> changes_;         // from code to code + 1
+  std::vector<std::uint16_t> starts_;  // the smallest code of a range of floats
+};
+
+const SrgbEncoder& srgb_encoder(PixelType type) {
+  static const SrgbEncoder eight(255, 16);
+  if (type == PixelType::uint8) return eight;
+  static const SrgbEncoder sixteen(65535, 11);
+  return sixteen;
+}
+
+std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType type, WriteReport& report) {
+  const Image& image = picture.image;
+  const int channels = image.channels(), alpha = picture.channels.alpha;
+  std::unique_ptr<void, FreeBytes> elements(std::malloc(std::max<std::size_t>(image.value_count() * size_of(type), 1)));
+  if (!elements) throw std::bad_alloc();
+  const float top = type == PixelType::uint8 ? 255.f : 65535.f;
+  const SrgbEncoder& encoder = srgb_encoder(type);
+  const float too_high =
+      static_cast<float>(srgb_to_linear((static_cast<double>(top) + 0.5) / static_cast<double>(top)));
+  const float too_low = -0.5f / 12.92f / top;
+  std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
+  tbb::parallel_for(0, image.height(), [&](int y) {
+    const float* from = image.row(y);
+    std::size_t at =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(channels);
+    std::int64_t above = 0, below = 0, odd = 0;
+    const auto clamped = [&](float v) {
+      if (std::isnan(v)) return ++odd, 0.f;
+      if (v >= 0 && v <= 1) return v;
+      // What is beyond the range by less than a code rounds to its end, and nothing is lost.
+      if (std::isinf(v)) {
+        ++odd;
+      } else if (v > too_high) {
+        ++above;
+      } else if (v < too_low) {
+        ++below;
+      }
+      return v > 0 ? 1.f : 0.f;
+    };
+    for (int x = 0; x < image.width(); ++x, from += channels) {
+      const float a = alpha >= 0 ? from[alpha] : 1.f;
+      for (int c = 0; c < channels; ++c, ++at) {
+        int code;
+        if (c == alpha) {
+          code = static_cast<int>(std::rint(clamped(a) * top));
+        } else {
+          // Integer formats keep colour apart from alpha; under no cover at all there is none.
+          const float v = alpha < 0 ? from[c] : a > 0 ? from[c] / a : a == 0 ? 0.f : from[c];
+          code = encoder(clamped(v));
+        }
+        if (type == PixelType::uint8) {
+          static_cast<std::uint8_t*>(elements.get())[at] = static_cast<std::uint8_t>(code);
+        } else {
+          static_cast<std::uint16_t*>(elements.get())[at] = static_cast<std::uint16_t>(code);
+        }
+      }
+    }
+    high += above;
+    negative += below;
+    nonfinite += odd;
+  });
+  report.clamped_high += high;
+  report.clamped_negative += negative;
+  report.nonfinite += nonfinite;
+  return elements;
+}
+
+Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& format, const std::string& compression,
+                        const WriteOptions& options, WriteReport& report) {
+  ENVCONV_TRY(const EnvconvImageio* module, load_imageio());
+  const Image& image = picture.image;
+  std::unique_ptr<void, FreeBytes> elements;
+  EnvconvImageioPicture out{};
+  out.width = image.width();
+  out.height = image.height();
+  out.channels = image.channels();
+  out.alpha = picture.channels.alpha;
+  out.element = static_cast<std::int32_t>(report.type);
+  out.pixels = image.data();
+  if (is_integer(report.type)) {
+    elements = to_elements(picture, report.type, report);
+    out.pixels = elements.get();
+  } else {
+    // The library converts to half itself, without a word about what does not fit.
+    std::int64_t odd = 0, high = 0;
+    for (std::size_t i = 0; i < image.value_count(); ++i) {
+      odd += !std::isfinite(image.data()[i]);
+      high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) >= 65520.f;
+    }
+    report.nonfinite += odd;
+    report.clamped_high += high;
+    if (report.type == PixelType::half) {
+      elements.reset(std::malloc(image.value_count() * 2));
+      if (!elements) throw std::bad_alloc();
+      floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()));
+      out.pixels = elements.get();
+    }
+  }
+  std::vector<const char*> names;
+  for (const std::string& name : picture.channels.names) names.push_back(name.c_str());
+  out.names = names.data();
+  out.compression = compression.c_str();
+  const std::string description = *format.attribute ? join_metadata(options.metadata) : "";
+  out.description = description.c_str();
+  out.attribute = format.attribute;
+  if (!*format.attribute && !join_metadata(options.metadata).empty()) {
+    report.warnings.push_back(std::string("the format ") + format.extension +
+                              " holds no metadata: the layout is not recorded");
+  }
+  EnvconvImageioSink sink{};
+  sink.context = &file;
+  sink.write = [](void* f, const void* data, std::size_t size) { static_cast<OutputFile*>(f)->write(data, size); };
+  sink.read = [](void* f, void* data, std::size_t size) { return static_cast<OutputFile*>(f)->read(data, size); };
+  sink.seek = [](void* f, std::uint64_t position) { static_cast<OutputFile*>(f)->seek(position); };
+  sink.tell = [](void* f) { return static_cast<OutputFile*>(f)->tell(); };
+  sink.size = [](void* f) { return static_cast<OutputFile*>(f)->size(); };
+  char error[1024] = "";
+  if (!module->write(format.name, &out, &sink, error, sizeof error)) return Error{ErrorCode::output, error};
+  return Ok{};
+}
+
+// Portable float map: the image library reads it and does not write it.  Rows from the bottom, little-endian.
+void write_pfm(OutputFile& file, const Picture& picture, const WriteOptions& options, WriteReport& report) {
+  static_assert(std::endian::native == std::endian::little);
+  const Image& image = picture.image;
+  const std::string header = std::string(image.channels() == 3 ? "PF" : "Pf") + "\n" + std::to_string(image.width()) +
+                             " " + std::to_string(image.height()) + "\n-1.0\n";
+  file.write(header.data(), header.size());
+  const std::size_t row = static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(image.channels());
+  for (int y = image.height() - 1; y >= 0; --y) {
+    file.write(image.row(y), row * sizeof(float));
+    report.nonfinite += std::count_if(image.row(y), image.row(y) + row, [](float v) { return !std::isfinite(v); });
+  }
+  if (!join_metadata(options.metadata).empty()) {
+    report.warnings.push_back("the format pfm holds no metadata: the layout is not recorded");
+  }
+}
+
+// --- reading back --------------------------------------------------------------------------------------------------
+
+// Pixels as written and as read again: within half a step of the type, or near on average when the codec is lossy.
+Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, bool rgbe, bool lossy) {
+  const Image &a = written.image, &b = read.image;
+  if (a.width() != b.width() || a.height() != b.height())
+    return Error{ErrorCode::output, "has another size when read back"};
+  const int channels = a.channels(), alpha = written.channels.alpha;
+  const bool grey = rgbe && channels == 1;
+  if (b.channels() != (grey ? 3 : channels)) return Error{ErrorCode::output, "has other channels when read back"};
+  const float top = type == PixelType::uint8 ? 255.f : 65535.f;
+  const auto coded = [](float v) { return static_cast<float>(linear_to_srgb(std::clamp(v, 0.f, 1.f))); };
+  double difference = 0, sum = 0;
+  for (int y = 0; y < a.height(); ++y) {
+    for (int x = 0; x < a.width(); ++x) {
+      float peak = 0;
+      for (int c = 0; c < channels; ++c) peak = std::max(peak, std::abs(a.at(x, y)[c]));
+      for (int c = 0; c < channels; ++c) {
+        float v = a.at(x, y)[c];
+        const float w = b.at(x, y)[c];
+        float error, allowed;
+        if (std::isnan(v)) v = is_integer(type) || type == PixelType::half || rgbe ? 0 : v;
+        if (rgbe) {
+          v = std::clamp(v, 0.f, 0x1.fep126f);
+          error = std::abs(v - w);
+          allowed = std::min(peak, 0x1.fep126f) * (0.51f / 128) + 1e-38f;
+        } else if (type == PixelType::half) {
+          v = std::clamp(v, -65504.f, 65504.f);
+          error = std::abs(v - w);
+          allowed = std::abs(v) * 0x1.1p-11f + 0x1.1p-25f;
+        } else if (type == PixelType::float32) {
+          error = (std::isnan(v) && std::isnan(w)) || v == w ? 0 : std::abs(v - w);
+          allowed = 0;
+        } else if (type == PixelType::uint32) {
+          v = std::clamp(v, 0.f, 4294967295.f);
+          error = std::abs(v - w);
+          allowed = 0.51f + v * 1e-6f;
+        } else if (alpha >= 0) {
+          // Rounding of colour and of alpha, at the steepest of the curve.
+          error = std::abs(std::clamp(v, 0.f, 1.f) - w);
+          allowed = 3.2f / top;
+        } else {
+          error = std::abs(coded(v) - coded(w));
+          allowed = 0.52f / top;
+        }
+        if (lossy) {
+          const bool integer = is_integer(type);
+          difference += integer ? std::abs(coded(v) - coded(w)) : error;
+          sum += integer ? 1 : std::abs(v);
+        } else if (!(error <= allowed)) {
+          return Error{ErrorCode::output, "a texel at (" + std::to_string(x) + ", " + std::to_string(y) +
+                                              ") differs when read back (a fault of the disk or memory?)"};
+        }
+      }
+    }
+  }
+  if (lossy && !(difference <= 0.1 * sum + 1e-6))
+    return Error{ErrorCode::output, "the pixels differ too much when read back"};
+  return Ok{};
+}
+
+Result<Ok> verify(const OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
+                  const Format& format, PixelType type) {
+  ReadOptions how;
+  how.max_pixels = INT64_MAX / 1024;
+  // It is our own; but what a disk made of it may upset a codec, and some print.
+  how.trust_input = !needs_imageio(format.name);
+  how.threads = options.threads;
+  auto read = read_file(file.temporary(), how);
+  if (!read) return Error{ErrorCode::output, "cannot be read back: " + read.error().message};
+  if (read->pictures.size() != pictures.size()) return Error{ErrorCode::output, "has other parts when read back"};
+  const bool exr = std::string_view(format.name) == "openexr";
+  const bool lossy = exr ? exr_compression_is_lossy(options.compression, type) : format.lossy;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    ENVCONV_CHECK(compare(pictures[i], read->pictures[i], type, std::string_view(format.name) == "hdr", lossy));
+  }
+  return Ok{};
+}
+
+Result<WriteReport> write_file(const std::string& path, std::span<const std::vector<Picture>> levels,
+                               const WriteOptions& options) {
+  if (levels.empty()) return on(path, ErrorCode::internal, "no level to write");
+  const std::vector<Picture>& pictures = levels.front();
+  if (pictures.empty()) return on(path, ErrorCode::internal, "no picture to write");
+  std::size_t values = 0;
+  for (const Picture& picture : pictures) {
+    if (picture.image.empty() || picture.image.width() < 1 || picture.image.height() < 1) {
+      return on(path, ErrorCode::internal, "a picture without pixels");
+    }
+    if (picture.channels.count() != picture.image.channels()) {
+      return on(path, ErrorCode::internal, "a picture whose channels have no names");
+    }
+    ENVCONV_CHECK(can_write(path, options, static_cast<int>(pictures.size()), picture.image.channels(),
+                            static_cast<int>(levels.size())));
+    values += picture.image.value_count();
+  }
+  ENVCONV_TRY(const Format* format, format_of(path));
+  ENVCONV_TRY(const std::string compression, compression_for(path, *format, options.compression));
+  WriteReport report;
+  ENVCONV_TRY(report.type, type_for(path, *format, options));
+  ENVCONV_TRY(OutputFile file, OutputFile::create(path));
+  Result<Ok> done = Ok{};
+  if (std::string_view(format->name) == "openexr") {
+    if (values > (1u << 18)) set_exr_pool_threads(thread_count(options.threads));
+    done = write_exr(file, pictures, options, report);
+  } else if (std::string_view(format->name) == "hdr") {
+    done = write_hdr(file, pictures.front(), options.metadata, report);
+  } else if (std::string_view(format->name) == "pfm") {
+    write_pfm(file, pictures.front(), options, report);
+  } else {
+    done = write_module(file, pictures.front(), *format, compression, options, report);
+  }
+  if (!done) return on(path, done.error());
+  if (file.size() == 0) return on(path, ErrorCode::output, "the writer of this format wrote nothing");
+  // Tests damage the file here, to see that verification finds it.
+  if (const char* hook = std::getenv("ENVCONV_TEST_WRITER"); hook && std::string_view(hook) == "flip") {
+    char byte = 0;
+    file.seek(file.size() / 2);
+    file.read(&byte, 1);
+    byte = static_cast<char>(byte ^ 0x40);
+    file.seek(file.size() / 2);
+    file.write(&byte, 1);
+  }
+  ENVCONV_CHECK(file.sync());
+  if (options.verify) {
+    const auto verified = verify(file, pictures, options, *format, report.type);
+    if (!verified) return on(path, verified.error());
+  }
+  ENVCONV_CHECK(file.commit());
+  return report;
+}
+
+}  // namespace
+
+Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels) {
+  return guarded<Ok>(path, ErrorCode::unsupported, [&]() -> Result<Ok> {
+    ENVCONV_TRY(const Format* format, format_of(path));
+    if (parts > 1 && std::string_view(format->name) != "openexr") {
+      return on(path, ErrorCode::unsupported, "only EXR holds several pictures in a file");
+    }
+    if (levels > 1) return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels");
+    ENVCONV_CHECK(check_channels(path, *format, channels));
+    ENVCONV_CHECK(type_for(path, *format, options));
+    ENVCONV_CHECK(compression_for(path, *format, options.compression));
+    return Ok{};
+  });
+}
+
+Result<WriteReport> write_pictures(const std::string& path, const std::vector<Picture>& pictures,
+                                   const WriteOptions& options) {
+  return guarded<WriteReport>(path, ErrorCode::output, [&] { return write_file(path, {&pictures, 1}, options); });
+}
+
+Result<WriteReport> write_levels(const std::string& path, std::span<const std::vector<Picture>> levels,
+                                 const WriteOptions& options) {
+  return guarded<WriteReport>(path, ErrorCode::output, [&] { return write_file(path, levels, options); });
+}
+
+}  // namespace envconv
