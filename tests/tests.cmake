@@ -13,7 +13,7 @@ function(envconv_test name)
 endfunction()
 
 foreach(test IN ITEMS layout_laws_test layout_facts_test diamond_facts_test analyze_test packing_test recognize_test io_test
-                      resample_test tiny_test)
+                      resample_test tiny_test draw_test)
   envconv_test(${test})
 endforeach()
 
