@@ -12,7 +12,7 @@ endforeach()
 
 add_executable(envconv
   tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/input.cpp
-  tools/output_name.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
+  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
   tools/describe.cpp tools/generate.cpp ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
 target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy)
