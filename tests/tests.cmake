@@ -12,8 +12,18 @@ function(envconv_test name)
   set_tests_properties(${name} PROPERTIES LABELS "${arg_LABELS}")
 endfunction()
 
-foreach(test IN ITEMS layout_laws_test layout_facts_test diamond_facts_test analyze_test packing_test recognize_test io_test
-                      resample_test tiny_test draw_test)
+set(tests
+  analyze_test
+  diamond_facts_test
+  draw_test
+  io_test
+  layout_facts_test
+  layout_laws_test
+  packing_test
+  recognize_test
+  resample_test
+  tiny_test)
+foreach(test IN LISTS tests)
   envconv_test(${test})
 endforeach()
 
