@@ -5,15 +5,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "color_encoding.h"
 #include "io.h"
 
 namespace envconv {
-
-/// How stored values become linear.
-enum class Transfer { linear, srgb, gamma };
 
 /// A picture of a file, as the decoder will deliver it.
 struct PictureSpec {
@@ -28,9 +27,11 @@ struct PictureSpec {
 struct FileSpec {
   std::string compression;
   Transfer transfer = Transfer::linear;
-  float gamma = 1;            ///< of Transfer::gamma
-  bool unassociated = false;  ///< colour is not multiplied by alpha
-  int orientation = 1;        ///< Exif's: 1 upright ... 8; the picture is turned after decoding
+  float gamma = 1;                          ///< of Transfer::gamma
+  std::optional<Chromaticities> primaries;  ///< where the file tells them
+  std::string color_how;                    ///< what in the file tells of its colour, or ""
+  bool unassociated = false;                ///< colour is not multiplied by alpha
+  int orientation = 1;                      ///< Exif's: 1 upright ... 8; the picture is turned after decoding
   int levels = 1;
   std::vector<PictureSpec> pictures;
   Metadata metadata;

@@ -2,14 +2,16 @@
 // The whole public interface of the library, in reading order.
 #pragma once
 
-#include "analyze.h"    // figures of a layout
-#include "filter.h"     // reconstruction filters
-#include "geometry.h"   // coordinate systems, frames, placements
-#include "image.h"      // pixels, environments
-#include "io.h"         // files
-#include "layout.h"     // faces, direction, locate
-#include "packing.h"    // faces in one image
-#include "recognize.h"  // files to environments
-#include "resample.h"   // from one environment to another
-#include "result.h"     // errors as values
-#include "sampler.h"    // radiance of a direction and a footprint
+#include "analyze.h"         // figures of a layout
+#include "color.h"           // colour management
+#include "color_encoding.h"  // primaries and curves
+#include "filter.h"          // reconstruction filters
+#include "geometry.h"        // coordinate systems, frames, placements
+#include "image.h"           // pixels, environments
+#include "io.h"              // files
+#include "layout.h"          // faces, direction, locate
+#include "packing.h"         // faces in one image
+#include "recognize.h"       // files to environments
+#include "resample.h"        // from one environment to another
+#include "result.h"          // errors as values
+#include "sampler.h"         // radiance of a direction and a footprint

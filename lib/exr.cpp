@@ -2,6 +2,7 @@
 #include "exr.h"
 
 #include <ImfChannelList.h>
+#include <ImfChromaticitiesAttribute.h>
 #include <ImfEnvmap.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
@@ -22,6 +23,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cerrno>
@@ -397,6 +399,13 @@ class ExrDecoder final : public Decoder {
         const auto* text = dynamic_cast<const Imf::StringAttribute*>(&it.attribute());
         if (text && std::strncmp(it.name(), "envconv:", 8) == 0) spec_.metadata[it.name()] = text->value();
       }
+      // Linear light, of the primaries that are told or of Rec. 709 (the OpenEXR file format's default).
+      if (Imf::hasChromaticities(header)) {
+        const Imf::Chromaticities& c = Imf::chromaticities(header);
+        spec_.primaries =
+            usable_primaries({c.red.x, c.red.y, c.green.x, c.green.y, c.blue.x, c.blue.y, c.white.x, c.white.y});
+        if (spec_.primaries) spec_.color_how = "chromaticities";
+      }
       if (const auto* envmap = header.findTypedAttribute<Imf::EnvmapAttribute>("envmap")) {
         switch (envmap->value()) {
           case Imf::ENVMAP_LATLONG: spec_.metadata["envmap"] = "latlong"; break;
@@ -453,6 +462,16 @@ Result<Compression> parse_compression(const std::string& text) {
                                              "dwab[:level])"};
   }
   return result;
+}
+
+// The attribute is defined for RGB in linear light.
+std::optional<Imf::Chromaticities> chromaticities_of(const ColorEncoding& color, const Channels& channels) {
+  if (color.transfer != Transfer::linear || !color.primaries || channels.count() < 3) return {};
+  if (channels.names[0] != "R" || channels.names[1] != "G" || channels.names[2] != "B") return {};
+  const std::array<double, 8> v = chromaticity_values(*color.primaries);
+  std::array<float, 8> f{};
+  std::transform(v.begin(), v.end(), f.begin(), [](double x) { return static_cast<float>(x); });
+  return Imf::Chromaticities({f[0], f[1]}, {f[2], f[3]}, {f[4], f[5]}, {f[6], f[7]});
 }
 
 struct Counts {
@@ -558,6 +577,9 @@ Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, con
         } else {
           header.zipCompressionLevel() = static_cast<int>(compression.level);
         }
+      }
+      if (const auto chromaticities = chromaticities_of(options.color, picture.channels)) {
+        Imf::addChromaticities(header, *chromaticities);
       }
       for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
       for (const auto& [name, value] : options.metadata) {

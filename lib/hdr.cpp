@@ -118,6 +118,13 @@ class HdrDecoder final : public Decoder {
         }
         if (!good) return bad_input("damaged: a bad " + name + " line");
         for (int c = 0; c < 3; ++c) exposure_[c] *= static_cast<double>(factor[c]);
+      } else if (name == "PRIMARIES") {
+        // Red, green, blue and white; some programs write zeros.
+        std::array<double, 8> xy{};
+        bool good = true;
+        for (double& v : xy) good = good && parse(value, v);
+        spec_.primaries = good ? usable_primaries(xy) : std::nullopt;
+        spec_.color_how = spec_.primaries ? "PRIMARIES" : "";
       } else if (name.compare(0, 8, "envconv:") == 0 && spec_.metadata.size() < 64) {
         spec_.metadata[name] = std::string(value);
       }
@@ -300,12 +307,20 @@ Result<std::unique_ptr<Decoder>> open_hdr(int fd, const DecoderOptions& options)
   return std::unique_ptr<Decoder>(std::move(decoder));
 }
 
-Result<Ok> write_hdr(OutputFile& file, const Picture& picture, const Metadata& metadata, WriteReport& report) {
+Result<Ok> write_hdr(OutputFile& file, const Picture& picture, const WriteOptions& options, WriteReport& report) {
   const Image& image = picture.image;
   const auto width = static_cast<std::size_t>(image.width());
   std::string header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n";
-  for (const auto& [name, value] : metadata) {
+  for (const auto& [name, value] : options.metadata) {
     if (name.compare(0, 8, "envconv:") == 0) header += name + "=" + printable(value) + "\n";
+  }
+  if (options.color.transfer == Transfer::linear && options.color.primaries && image.channels() == 3) {
+    header += "PRIMARIES=";
+    for (const double v : chromaticity_values(*options.color.primaries)) {
+      char text[32];
+      header.append(text, std::to_chars(text, text + sizeof text, v, std::chars_format::general, 6).ptr) += ' ';
+    }
+    header.back() = '\n';
   }
   header += "\n-Y " + std::to_string(image.height()) + " +X " + std::to_string(image.width()) + "\n";
   file.write(header.data(), header.size());

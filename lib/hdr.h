@@ -17,6 +17,6 @@ Result<std::unique_ptr<Decoder>> open_hdr(int fd, const DecoderOptions& options)
 
 /// Writes a picture of 1 (as grey) or 3 channels, run-length encoded.  Negative values become 0 and values above
 /// 1.69e38 that, counted in the report.
-Result<Ok> write_hdr(OutputFile& file, const Picture& picture, const Metadata& metadata, WriteReport& report);
+Result<Ok> write_hdr(OutputFile& file, const Picture& picture, const WriteOptions& options, WriteReport& report);
 
 }  // namespace envconv

@@ -13,6 +13,10 @@
 #include <mutex>
 #include <vector>
 
+#include "color_encoding.h"
+#include "output_file.h"
+#include "png_color.h"
+
 namespace envconv {
 namespace {
 
@@ -122,6 +126,34 @@ std::string text_of(const char* text, std::size_t size) { return {text, ::strnle
 
 }  // namespace
 
+namespace {
+
+void take_png_color(const PngColor& color, FileSpec& spec) {
+  spec.color_how = color.how;
+  spec.primaries = color.primaries;
+  if (color.transfer == Transfer::unknown) {
+    spec.warnings.push_back("stored along " + color.note + ", which is not supported: read as sRGB");
+    spec.transfer = Transfer::srgb;
+    return;
+  }
+  spec.transfer = color.transfer;
+  spec.gamma = static_cast<float>(color.gamma);
+}
+
+// Profiles are not applied; the most usual ones have names that tell all.
+void take_profile(const std::string& name, FileSpec& spec) {
+  if (name == "Display P3") {
+    spec.transfer = Transfer::srgb;
+    spec.primaries = find_named_primaries("p3-d65").xy;
+    spec.color_how = "ICC profile";
+  } else if (name.find("sRGB") == std::string::npos) {
+    spec.warnings.push_back("its ICC profile \"" + printable(name) +
+                            "\" is not applied (--in-colorspace says what it is)");
+  }
+}
+
+}  // namespace
+
 bool needs_imageio(const std::string& format) { return format != "openexr" && format != "hdr"; }
 
 Result<const EnvconvImageio*> load_imageio() {
@@ -164,6 +196,13 @@ Result<std::unique_ptr<Decoder>> open_imageio(const std::string& format, int fd,
   spec.unassociated = raw->unassociated != 0;
   spec.orientation = raw->orientation;
   spec.levels = raw->levels;
+  if (raw->transfer_told) spec.color_how = "the file's own";
+  if (format == "png") {
+    if (const auto color = read_png_color(fd)) take_png_color(*color, spec);
+  }
+  if (raw->profile[0] && spec.color_how != "cICP") {
+    take_profile(text_of(raw->profile, sizeof raw->profile), spec);
+  }
   if (raw->pictures > 1) spec.warnings.push_back("only the first of several pictures is read");
   PictureSpec picture;
   picture.width = static_cast<int>(raw->width);

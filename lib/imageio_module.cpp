@@ -191,6 +191,9 @@ int open_file(const char* format, int fd, EnvconvImageioSpec* out, void** handle
     const std::string space = spec.get_string_attribute("oiio:ColorSpace");
     const float gamma = spec.get_float_attribute("oiio:Gamma", 0.f);
     out->gamma = 1;
+    // Some readers name a space that the file does not: JPEG's sRGB, and PNM's the Rec. 709 of its specification.
+    out->transfer_told = !real && (gamma > 0 || spec.find_attribute("Exif:ColorSpace") != nullptr);
+    put(out->profile, spec.get_string_attribute("ICCProfile:profile_description"));
     if (real || space == "Linear" || space == "linear" || space == "scene_linear") {
       out->transfer = static_cast<std::int32_t>(Transfer::linear);
     } else if (space != "sRGB" && gamma > 0.01f && gamma < 100.f) {
@@ -301,9 +304,7 @@ int write_file(const char* format, const EnvconvImageioPicture* picture, const E
     // Without a date, writers take the present one.
     spec.attribute("DateTime", "1970:01:01 00:00:00");
     const bool real = type == oiio::TypeDesc::FLOAT || type == oiio::TypeDesc::HALF;
-    // Not in TIFF: it would need an Exif directory, for which the library reads what it wrote, and not from a proxy:
-    // the file comes out broken and it says nothing.
-    if (std::string_view(format) != "tiff") spec.attribute("oiio:ColorSpace", real ? "Linear" : "sRGB");
+    if (*picture->curve) spec.attribute("oiio:ColorSpace", picture->curve);
     if (!real && picture->alpha >= 0) spec.attribute("oiio:UnassociatedAlpha", 1);
     if (std::string_view(format) == "png" && *picture->compression) {
       spec.attribute("png:compressionLevel", std::atoi(picture->compression + std::strlen("png:")));

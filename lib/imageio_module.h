@@ -9,7 +9,7 @@
 extern "C" {
 
 /// Changes when anything below does.
-constexpr std::uint32_t kEnvconvImageioAbi = 2;
+constexpr std::uint32_t kEnvconvImageioAbi = 3;
 
 /// A picture that was opened.  Numbers of types are envconv::PixelType's, of transfers envconv::Transfer's.
 struct EnvconvImageioSpec {
@@ -20,7 +20,9 @@ struct EnvconvImageioSpec {
   std::int32_t transfer;
   float gamma;
   std::int32_t unassociated, orientation, levels, pictures;
+  std::int32_t transfer_told;  // by the file: 0 when it was assumed
   char compression[32];
+  char profile[128];       // description of an ICC profile, or ""
   char names[64][32];      // of the channels; unused ones are empty
   char description[4096];  // ours, "envconv:layout=cube envconv:...", or ""
 };
@@ -34,6 +36,7 @@ struct EnvconvImageioPicture {
   const void* pixels;
   const char* compression;  // the library's own text, or ""
   const char* description;  // one line, or ""
+  const char* curve;        // the library's word for it, or ""
   const char* attribute;    // the attribute that the description goes into
 };
 

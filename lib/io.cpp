@@ -229,15 +229,20 @@ Curve curve_of(const FileSpec& spec) {
   }
 }
 
-std::string color_of(const FileSpec& spec) {
-  if (spec.transfer == Transfer::linear) return "linear";
-  if (spec.transfer == Transfer::srgb) return "sRGB";
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", static_cast<double>(spec.gamma));
-  for (char& c : text) {
-    if (c == ',') c = '.';  // whatever the host's locale
-  }
-  return std::string("gamma ") + text;
+// Fills in what the file's colours are; the spec's curve becomes what is taken off.
+void settle_color(const ReadOptions& options, FileSpec& spec, PictureFile& file) {
+  file.color = transfer_text(spec.transfer, static_cast<double>(spec.gamma));
+  file.color_encoding.transfer = spec.transfer;
+  file.color_encoding.gamma = static_cast<double>(spec.gamma);
+  file.color_encoding.primaries = spec.primaries;
+  file.color_encoding.space = space_of(file.color_encoding);
+  file.color_how = !spec.color_how.empty()             ? spec.color_how
+                   : spec.transfer == Transfer::linear ? "assumed for floating point"
+                                                       : "assumed for integers";
+  // Values of another space than the format has words for were stored as they were.
+  const auto record = file.metadata.find("envconv:colorspace");
+  file.as_stored = options.as_stored || (record != file.metadata.end() && record->second != file.color_encoding.space);
+  if (file.as_stored) spec.transfer = Transfer::linear;
 }
 
 // --- decoded elements to linear, upright pixels --------------------------------------------------------------------
@@ -375,7 +380,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   auto opened = options.trust_input ? open_decoder(*format, fd.get(), how) : open_isolated(*format, fd.get(), how);
   if (!opened) return on(path, opened.error());
   Decoder& decoder = **opened;
-  const FileSpec& spec = decoder.spec();
+  FileSpec spec = decoder.spec();
   if (options.level < 0 || options.level >= spec.levels) {
     return on(path, ErrorCode::input,
               "has no level " + std::to_string(options.level) + " (its levels are 0 to " +
@@ -388,7 +393,6 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   file.path = path;
   file.format = *format;
   file.compression = spec.compression;
-  file.color = color_of(spec);
   file.levels = spec.levels;
   file.metadata = spec.metadata;
   const auto description = file.metadata.find("ImageDescription");
@@ -397,6 +401,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
     file.metadata.erase(description);
     split_metadata(line, file.metadata);
   }
+  settle_color(options, spec, file);
   for (const std::string& warning : spec.warnings) file.warnings.push_back(printable(path) + ": " + warning);
   for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
     const PictureSpec& p = spec.pictures[i];

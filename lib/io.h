@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "color_encoding.h"
 #include "image.h"
 #include "result.h"
 
@@ -38,7 +39,10 @@ struct PictureFile {
   std::string path;
   std::string format;             ///< "openexr", "hdr", "png", "tiff", "jpeg" ...
   std::string compression;        ///< the format's name for it, or ""
-  std::string color;              ///< how values were made linear: "linear", "sRGB", "gamma 2.2" ...
+  std::string color;              ///< the curve that values were stored along: "linear", "sRGB", "gamma 2.2" ...
+  ColorEncoding color_encoding;   ///< the same for programs, and the primaries where the file tells them
+  std::string color_how;          ///< how that is known: "chromaticities", "gAMA", "integers are taken for sRGB" ...
+  bool as_stored = false;         ///< no curve was taken off: asked for, or values of a space recorded by name
   int levels = 1;                 ///< MIP levels in the file
   std::vector<Picture> pictures;  ///< of the level asked for
   Metadata metadata;
@@ -52,6 +56,7 @@ struct ReadOptions {
   bool header_only = false;                         ///< pixels are not decoded: images have a size and no pixels
   int threads = 0;                                  ///< decoding threads; 0: all cores
   int level = 0;                                    ///< of a file with levels; one that it lacks is an input error
+  bool as_stored = false;                           ///< whatever the file says, no curve is taken off
   /// The alpha channel is left out, and colour is as stored: that of EXR is what lies over black, and that of PNG,
   /// which keeps colour apart from alpha, is not multiplied by it.
   bool drop_alpha = false;
@@ -81,6 +86,10 @@ struct WriteOptions {
   std::string compression;  ///< "" for the format's usual; "zip", "piz", "dwaa:45", "jpeg quality" as the format has
   Metadata metadata;
   Encoding encoding = Encoding::srgb;
+  /// What the values mean, for the fields that formats have for it: chromaticities in EXR of RGB in linear light, cICP,
+  /// sRGB, gAMA and cHRM in PNG, PRIMARIES in Radiance, and envconv:colorspace (its `space`) where there is metadata.
+  /// With Encoding::srgb, integers are sRGB whatever this says.
+  ColorEncoding color;
   bool cube = false;  ///< the pictures of a level are the six faces of a cube, +x -x +y -y +z -z
   int threads = 0;
   bool verify = false;  ///< read back and compare before the file takes its name

@@ -17,6 +17,7 @@
 #include "hdr.h"
 #include "imageio_loader.h"
 #include "io_shared.h"
+#include "png_color.h"
 
 namespace envconv {
 namespace {
@@ -179,16 +180,18 @@ const SrgbEncoder& srgb_encoder(PixelType type) {
   return sixteen;
 }
 
-std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType type, WriteReport& report) {
+std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType type, Encoding encoding,
+                                             WriteReport& report) {
   const Image& image = picture.image;
   const int channels = image.channels(), alpha = picture.channels.alpha;
   std::unique_ptr<void, FreeBytes> elements(std::malloc(std::max<std::size_t>(image.value_count() * size_of(type), 1)));
   if (!elements) throw std::bad_alloc();
   const float top = type == PixelType::uint8 ? 255.f : 65535.f;
   const SrgbEncoder& encoder = srgb_encoder(type);
-  const float too_high =
-      static_cast<float>(srgb_to_linear((static_cast<double>(top) + 0.5) / static_cast<double>(top)));
-  const float too_low = -0.5f / 12.92f / top;
+  const bool as_is = encoding == Encoding::as_is;
+  const double beyond = (static_cast<double>(top) + 0.5) / static_cast<double>(top);
+  const float too_high = static_cast<float>(as_is ? beyond : srgb_to_linear(beyond));
+  const float too_low = -0.5f / (as_is ? 1.f : 12.92f) / top;
   std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
   tbb::parallel_for(0, image.height(), [&](int y) {
     const float* from = image.row(y);
@@ -217,7 +220,7 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
         } else {
           // Integer formats keep colour apart from alpha; under no cover at all there is none.
           const float v = alpha < 0 ? from[c] : a > 0 ? from[c] / a : a == 0 ? 0.f : from[c];
-          code = encoder(clamped(v));
+          code = as_is ? static_cast<int>(std::rint(clamped(v) * top)) : encoder(clamped(v));
         }
         if (type == PixelType::uint8) {
           static_cast<std::uint8_t*>(elements.get())[at] = static_cast<std::uint8_t>(code);
@@ -236,6 +239,41 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
   return elements;
 }
 
+// What the stored values mean.
+ColorEncoding stored_color(const WriteOptions& options, PixelType type) {
+  ColorEncoding color = options.color;
+  if (is_integer(type) && options.encoding == Encoding::srgb) color.transfer = Transfer::srgb;
+  return color;
+}
+
+// The image library's word for the curve, or "".  PNG's chunks are ours, and TIFF would need an Exif directory for it,
+// for which the library reads what it wrote, and not from a proxy: the file comes out broken and it says nothing.
+std::string curve_for_imageio(std::string_view format, const ColorEncoding& color) {
+  if (format == "png" || format == "tiff") return {};
+  if (color.transfer == Transfer::linear) return "Linear";
+  return color.transfer == Transfer::srgb ? "sRGB" : "";
+}
+
+// Where the image library's bytes go; `insert` comes between the end of a PNG's header and the rest.
+struct Sink {
+  OutputFile& file;
+  std::string insert;
+
+  void write(const void* data, std::size_t size) {
+    const auto* bytes = static_cast<const char*>(data);
+    const std::uint64_t at = file.tell();
+    if (!insert.empty() && at <= kPngHeaderEnd && at + size >= kPngHeaderEnd) {
+      const auto head = static_cast<std::size_t>(kPngHeaderEnd - at);
+      file.write(bytes, head);
+      file.write(insert.data(), insert.size());
+      insert.clear();
+      bytes += head;
+      size -= head;
+    }
+    if (size > 0) file.write(bytes, size);
+  }
+};
+
 Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& format, const std::string& compression,
                         const WriteOptions& options, WriteReport& report) {
   ENVCONV_TRY(const EnvconvImageio* module, load_imageio());
@@ -249,7 +287,7 @@ Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& 
   out.element = static_cast<std::int32_t>(report.type);
   out.pixels = image.data();
   if (is_integer(report.type)) {
-    elements = to_elements(picture, report.type, report);
+    elements = to_elements(picture, report.type, options.encoding, report);
     out.pixels = elements.get();
   } else {
     // The library converts to half itself, without a word about what does not fit.
@@ -278,13 +316,17 @@ Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& 
     report.warnings.push_back(std::string("the format ") + format.extension +
                               " holds no metadata: the layout is not recorded");
   }
+  const ColorEncoding color = stored_color(options, report.type);
+  const std::string curve = curve_for_imageio(format.name, color);
+  out.curve = curve.c_str();
+  Sink target{file, std::string_view(format.name) == "png" ? png_color_chunks(color) : ""};
   EnvconvImageioSink sink{};
-  sink.context = &file;
-  sink.write = [](void* f, const void* data, std::size_t size) { static_cast<OutputFile*>(f)->write(data, size); };
-  sink.read = [](void* f, void* data, std::size_t size) { return static_cast<OutputFile*>(f)->read(data, size); };
-  sink.seek = [](void* f, std::uint64_t position) { static_cast<OutputFile*>(f)->seek(position); };
-  sink.tell = [](void* f) { return static_cast<OutputFile*>(f)->tell(); };
-  sink.size = [](void* f) { return static_cast<OutputFile*>(f)->size(); };
+  sink.context = &target;
+  sink.write = [](void* s, const void* data, std::size_t size) { static_cast<Sink*>(s)->write(data, size); };
+  sink.read = [](void* s, void* data, std::size_t size) { return static_cast<Sink*>(s)->file.read(data, size); };
+  sink.seek = [](void* s, std::uint64_t position) { static_cast<Sink*>(s)->file.seek(position); };
+  sink.tell = [](void* s) { return static_cast<Sink*>(s)->file.tell(); };
+  sink.size = [](void* s) { return static_cast<Sink*>(s)->file.size(); };
   char error[1024] = "";
   if (!module->write(format.name, &out, &sink, error, sizeof error)) return Error{ErrorCode::output, error};
   return Ok{};
@@ -310,7 +352,8 @@ void write_pfm(OutputFile& file, const Picture& picture, const WriteOptions& opt
 // --- reading back --------------------------------------------------------------------------------------------------
 
 // Pixels as written and as read again: within half a step of the type, or near on average when the codec is lossy.
-Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, bool rgbe, bool lossy) {
+Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, Encoding encoding, bool rgbe,
+                   bool lossy) {
   const Image &a = written.image, &b = read.image;
   if (a.width() != b.width() || a.height() != b.height())
     return Error{ErrorCode::output, "has another size when read back"};
@@ -318,7 +361,10 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
   const bool grey = rgbe && channels == 1;
   if (b.channels() != (grey ? 3 : channels)) return Error{ErrorCode::output, "has other channels when read back"};
   const float top = type == PixelType::uint8 ? 255.f : 65535.f;
-  const auto coded = [](float v) { return static_cast<float>(linear_to_srgb(std::clamp(v, 0.f, 1.f))); };
+  const auto coded = [encoding](float v) {
+    const float clamped = std::clamp(v, 0.f, 1.f);
+    return encoding == Encoding::as_is ? clamped : static_cast<float>(linear_to_srgb(clamped));
+  };
   double difference = 0, sum = 0;
   for (int y = 0; y < a.height(); ++y) {
     for (int x = 0; x < a.width(); ++x) {
@@ -374,6 +420,7 @@ Result<Ok> verify(const OutputFile& file, const std::vector<Picture>& pictures, 
   how.max_pixels = INT64_MAX / 1024;
   // It is our own; but what a disk made of it may upset a codec, and some print.
   how.trust_input = !needs_imageio(format.name);
+  how.as_stored = options.encoding == Encoding::as_is;
   how.threads = options.threads;
   auto read = read_file(file.temporary(), how);
   if (!read) return Error{ErrorCode::output, "cannot be read back: " + read.error().message};
@@ -381,13 +428,15 @@ Result<Ok> verify(const OutputFile& file, const std::vector<Picture>& pictures, 
   const bool exr = std::string_view(format.name) == "openexr";
   const bool lossy = exr ? exr_compression_is_lossy(options.compression, type) : format.lossy;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
-    ENVCONV_CHECK(compare(pictures[i], read->pictures[i], type, std::string_view(format.name) == "hdr", lossy));
+    ENVCONV_CHECK(
+        compare(pictures[i], read->pictures[i], type, options.encoding, std::string_view(format.name) == "hdr", lossy));
   }
   return Ok{};
 }
 
 Result<WriteReport> write_file(const std::string& path, std::span<const std::vector<Picture>> levels,
-                               const WriteOptions& options) {
+                               WriteOptions options) {
+  if (!options.color.space.empty()) options.metadata["envconv:colorspace"] = options.color.space;
   if (levels.empty()) return on(path, ErrorCode::internal, "no level to write");
   const std::vector<Picture>& pictures = levels.front();
   if (pictures.empty()) return on(path, ErrorCode::internal, "no picture to write");
@@ -413,7 +462,7 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     if (values > (1u << 18)) set_exr_pool_threads(thread_count(options.threads));
     done = write_exr(file, pictures, options, report);
   } else if (std::string_view(format->name) == "hdr") {
-    done = write_hdr(file, pictures.front(), options.metadata, report);
+    done = write_hdr(file, pictures.front(), options, report);
   } else if (std::string_view(format->name) == "pfm") {
     write_pfm(file, pictures.front(), options, report);
   } else {

@@ -24,6 +24,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -157,6 +158,9 @@ std::string pack(const FileSpec& spec) {
   w.text(spec.compression);
   w.number(static_cast<int>(spec.transfer));
   w.real(spec.gamma);
+  w.number(spec.primaries.has_value());
+  for (const double v : chromaticity_values(spec.primaries.value_or(Chromaticities{}))) w.real(static_cast<float>(v));
+  w.text(spec.color_how);
   w.number(spec.unassociated);
   w.number(spec.orientation);
   w.number(spec.levels);
@@ -186,9 +190,14 @@ bool unpack(Reader& r, FileSpec& spec) {
   constexpr std::size_t kText = 4096;
   constexpr std::int64_t kSize = 0x7FFFFFFF;
   spec.compression = printable(r.text(kText));
-  spec.transfer = static_cast<Transfer>(r.number(0, 2));
+  spec.transfer = static_cast<Transfer>(r.number(0, 3));
   spec.gamma = r.real();
   if (!(spec.gamma > 0.01f && spec.gamma < 100.f)) spec.gamma = 1;
+  const bool has_primaries = r.number(0, 1) != 0;
+  std::array<double, 8> chromaticities{};
+  for (double& v : chromaticities) v = static_cast<double>(r.real());
+  if (has_primaries) spec.primaries = usable_primaries(chromaticities);
+  spec.color_how = printable(r.text(kText));
   spec.unassociated = r.number(0, 1) != 0;
   spec.orientation = static_cast<int>(r.number(1, 8));
   spec.levels = static_cast<int>(r.number(1, 64));

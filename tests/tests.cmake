@@ -14,6 +14,7 @@ endfunction()
 
 set(tests
   analyze_test
+  color_test
   diamond_facts_test
   draw_test
   io_test
