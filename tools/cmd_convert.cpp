@@ -156,6 +156,7 @@ void add_options(Command& command, ConvertOptions& o) {
       "as the filter chooses");
   add("Pixels", alpha_option(o.input.read.drop_alpha), "keep");
   add("Pixels", exposure_option(o.exposure), "0");
+  add_color_options(command, o.color, "Colour");
   add("Pixels", nonfinite_option(o.nonfinite), "repair");
   add("Batch",
       switch_option("-n,--skip-existing", o.skip_existing, "leave outputs that exist and can be read to their end"));
@@ -266,6 +267,8 @@ int run_plan(const ConvertPlan& plan) {
           json["skipped"] = true;
         } else {
           json["type"] = name_of(outcome->type);
+          json["source"]["colorspace"] = outcome->source_color;
+          json["colorspace"] = outcome->color.empty() ? ordered_json() : ordered_json(outcome->color);
         }
       }
       json["seconds"] = seconds;

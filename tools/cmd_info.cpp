@@ -4,6 +4,7 @@
 #include <new>
 #include <nlohmann/json.hpp>
 
+#include "color_options.h"
 #include "image.h"
 #include "input.h"
 #include "pixels.h"
@@ -16,6 +17,7 @@ using nlohmann::ordered_json;
 
 struct InfoOptions {
   InputOptions input;
+  ColorOptions color;
   int threads = 0;
   bool json = false;
 };
@@ -29,19 +31,24 @@ struct Facts {
   Recognition recognition;
   std::string why_not;                  ///< when it was not recognised
   std::vector<std::string> candidates;  ///< when that is because it could be several
+  SourceColor color;
   std::vector<double> mean;
   std::vector<std::string> warnings;
 };
 
-Result<Facts> collect(const InfoOptions& o, const std::string& name) {
+Result<Facts> collect(const InfoOptions& o, const ColorPlan& color, const std::string& name) {
   const Input input = input_named(name, o.input.hints);
   ENVCONV_CHECK(check_readable(input));
-  ReadOptions read = o.input.read;
+  ReadOptions read = with_color(o.input.read, color, input.paths.front());
   read.threads = o.threads;
   Facts facts;
   ENVCONV_TRY(facts.file, read_input(input, read));
   if (facts.file.pictures.empty()) return Error{ErrorCode::input, name + ": holds no picture"};
-  for (const Picture& picture : facts.file.pictures) {
+  ENVCONV_TRY(facts.color, source_color(color, facts.file, input.paths.front()));
+  for (Picture& picture : facts.file.pictures) {
+    if (has_color(picture.channels)) {
+      ENVCONV_CHECK(to_working(color, facts.color, picture.channels, {&picture.image, 1}));
+    }
     facts.sizes.push_back({picture.image.width(), picture.image.height()});
     if (picture.channels == facts.file.pictures.front().channels) add_statistics(picture.image, facts.statistics);
   }
@@ -61,13 +68,30 @@ Result<Facts> collect(const InfoOptions& o, const std::string& name) {
   facts.recognised = true;
   facts.warnings.insert(facts.warnings.end(), recognition->warnings.begin(), recognition->warnings.end());
   PictureFile pixels = std::move(facts.file);
-  facts.file = {pixels.path, pixels.format, pixels.compression, pixels.color, pixels.levels, {}, pixels.metadata, {}};
+  facts.file.path = pixels.path;
+  facts.file.format = pixels.format;
+  facts.file.compression = pixels.compression;
+  facts.file.color = pixels.color;
+  facts.file.levels = pixels.levels;
+  facts.file.metadata = pixels.metadata;
+  facts.file.pictures.clear();
   for (const Picture& picture : pixels.pictures) {
     facts.file.pictures.push_back({picture.name, {}, picture.channels, picture.type});
   }
   ENVCONV_TRY(const EnvImage image, to_environment(std::move(pixels), facts.recognition));
   facts.mean = mean_radiance(image);
   return facts;
+}
+
+// {"name": "rec709", "red": [x, y], ...}, or null.
+ordered_json chromaticities_json(const std::optional<Chromaticities>& xy) {
+  if (!xy) return {};
+  const Primaries* named = find_primaries(*xy);
+  return {{"name", named ? ordered_json(named->name) : ordered_json()},
+          {"red", {xy->red_x, xy->red_y}},
+          {"green", {xy->green_x, xy->green_y}},
+          {"blue", {xy->blue_x, xy->blue_y}},
+          {"white", {xy->white_x, xy->white_y}}};
 }
 
 ordered_json json_of(const std::string& name, const Facts& f) {
@@ -77,6 +101,9 @@ ordered_json json_of(const std::string& name, const Facts& f) {
   json["format"] = f.file.format;
   json["compression"] = f.file.compression;
   json["color"] = f.file.color;
+  json["colorspace"] = f.color.text;
+  json["colorspace_from"] = f.color.input.how;
+  json["primaries"] = chromaticities_json(f.color.working_primaries);
   json["type"] = name_of(first.type);
   json["width"] = f.sizes.front().width;
   json["height"] = f.sizes.front().height;
@@ -149,7 +176,7 @@ std::string text_of(const std::string& name, const Facts& f) {
   line("channels", channels);
   line("type", std::string(name_of(first.type)));
   line("format", f.file.format + (f.file.compression.empty() ? "" : ", " + f.file.compression));
-  line("colour", f.file.color);
+  line("colour", f.color.text + ", " + f.color.input.how);
   std::vector<std::vector<std::string>> rows{{"channel", "min", "max", "mean", "NaN", "Inf", "negative"}};
   for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
     const ChannelStatistics& s = f.statistics[c];
@@ -167,13 +194,15 @@ std::string text_of(const std::string& name, const Facts& f) {
 }
 
 int run(const InfoOptions& o, const std::vector<std::string>& names) {
+  const Result<ColorPlan> color = plan_color(o.color, {});
+  if (!color) return fail(color.error());
   ordered_json list = ordered_json::array();
   int status = 0;
   bool first = true;
   for (const std::string& name : names) {
     Result<Facts> facts = [&]() -> Result<Facts> {
       try {
-        return collect(o, name);
+        return collect(o, *color, name);
       } catch (const std::bad_alloc&) {
         return Error{ErrorCode::limit, name + ": not enough memory"};
       }
@@ -215,6 +244,7 @@ Command info_command() {
                       "angle), and how many values are NaN, infinite or negative.  Values are linear.",
                   .reads_files = true};
   add_input_options(command, options->input);
+  add_config_option(command, options->color, "Input");
   command.options.push_back(in_group(
       switch_option("--json", options->json, "one JSON object on stdout, or an array of them for several files"),
       "General"));

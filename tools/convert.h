@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "color_options.h"
 #include "input.h"
 #include "io.h"
 #include "options.h"
@@ -36,6 +37,7 @@ struct ConvertOptions {
   const Filter* filter = nullptr;
   int samples = 0;
   WriteOptions write;  ///< type_given tells whether --type was
+  ColorOptions color;
   double exposure = 0;
   Nonfinite nonfinite = Nonfinite::repair;
   int threads = 0;
@@ -54,6 +56,7 @@ struct Job {
 /// What will be done.
 struct ConvertPlan {
   ConvertOptions options;  ///< with layout, packing and frame filled in
+  ColorPlan color;
   std::vector<Job> jobs;
 };
 
@@ -79,6 +82,7 @@ struct Outcome {
   Shape shape;
   bool skipped = false;
   PixelType type = PixelType::half;
+  std::string source_color, color;  ///< colour spaces of the input and of the output, in words
   std::vector<std::string> warnings;
 };
 /// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work

@@ -146,7 +146,7 @@ Result<Ok> check_outputs(const ConvertPlan& plan) {
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
   ENVCONV_CHECK(fill_in(options));
   ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
-  ConvertPlan plan{std::move(options), {}};
+  ConvertPlan plan{std::move(options), {}, {}};
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     Job job;
     job.input = input_named(inputs[i], plan.options.input.hints);
@@ -158,6 +158,9 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
     }
     plan.jobs.push_back(std::move(job));
   }
+  std::vector<std::string> first_files;
+  for (const Job& job : plan.jobs) first_files.push_back(job.input.paths.front());
+  ENVCONV_TRY(plan.color, plan_color(plan.options.color, first_files));
   ENVCONV_CHECK(check_outputs(plan));
   return plan;
 }

@@ -33,6 +33,15 @@ Rotation composed(const Rotation& first, const Rotation& second) {
   return r;
 }
 
+// The error of a step that does not know the file.
+template <class T>
+Result<T> named(const Job& job, Result<T> result) {
+  if (result) return result;
+  const ErrorCode code = result.error().code;
+  return Error{code == ErrorCode::usage ? ErrorCode::unsupported : code,
+               job.input.name + ": " + result.error().message};
+}
+
 // True when every output of the job is there and can be read to its end.
 bool is_complete(const ConvertPlan& plan, const Job& job) {
   for (const std::string& path : job.paths) {
@@ -132,18 +141,24 @@ PixelType nearest_type(const std::string& path, PixelType source, WriteOptions w
   return source;
 }
 
-Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const Rotation& rotation, PixelType source_type,
-                       EnvImage image, Outcome& outcome) {
-  const ConvertOptions& o = plan.options;
+// How the outputs are written; their type is settled.
+WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
+                           int channels) {
   WriteOptions write = o.write;
   write.threads = o.threads;
   write.metadata = metadata_of(*o.layout, *o.packing, *o.frame, rotation);
-  const int channels = image.channels.count();
   if (!write.type_given) {
     const int parts = o.packing->name == "parts" ? o.layout->face_count() : 1;
     write.type = nearest_type(job.paths.front(), source_type, write, parts, channels);
     write.type_given = true;
   }
+  return write;
+}
+
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, EnvImage image,
+                       Outcome& outcome) {
+  const ConvertOptions& o = plan.options;
+  const int channels = image.channels.count();
   ENVCONV_TRY(const auto files, pictures_of(o, std::move(image), write.type));
   for (const std::string& path : job.paths) {
     ENVCONV_CHECK(can_write(path, write, static_cast<int>(files.front().size()), channels));
@@ -157,6 +172,8 @@ Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const Rotation& 
     total.nonfinite += report.nonfinite;
     if (i == 0) total.warnings = report.warnings;
   }
+  // A display is as bright as it is; values beyond that are the view's doing.
+  if (write.metadata.contains("envconv:view")) total.clamped_high = total.clamped_negative = 0;
   outcome.type = total.type;
   warn_of(total, job.paths.front(), outcome.warnings);
   return Ok{};
@@ -170,7 +187,7 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
     outcome.skipped = true;
     return outcome;
   }
-  ReadOptions read = o.input.read;
+  ReadOptions read = with_color(o.input.read, plan.color, job.input.paths.front());
   read.threads = o.threads;
   ENVCONV_TRY(PictureFile file, read_input(job.input, read));
   if (file.pictures.empty()) return Error{ErrorCode::input, job.input.name + ": holds no picture"};
@@ -180,9 +197,21 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   outcome.warnings.insert(outcome.warnings.end(), source.warnings.begin(), source.warnings.end());
   const PixelType source_type = file.pictures.front().type;
 
+  ENVCONV_TRY(const SourceColor color, source_color(plan.color, file, job.input.paths.front()));
+  outcome.source_color = color.text;
+
   ENVCONV_TRY(EnvImage image, to_environment(std::move(file), source));
   ENVCONV_CHECK(treat_nonfinite(plan, job, image, outcome.warnings));
+  ENVCONV_CHECK(named(job, to_working(plan.color, color, image.channels, image.faces)));
   change_values(o, image);
+  WriteOptions write =
+      write_options(o, job, composed(source.rotation, o.rotation), source_type, image.channels.count());
+  const float peak = wants_peak(plan.color, source_type, write.type) ? largest_color(image) : 0;
+  const OutputColor output = output_color(plan.color, image.channels, write.type, peak);
+  if (output.is_preview) {
+    outcome.warnings.push_back("values up to " + number_text(static_cast<double>(peak), 6) + " are shown through " +
+                               view_text(*output.view) + " (--view none clips them)");
+  }
 
   ResampleOptions resample_options;
   resample_options.layout = o.layout;
@@ -195,12 +224,12 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   resample_options.threads = o.threads;
   resample_options.progress = progress;
   begin(static_cast<double>(texel_count(*o.layout, outcome.shape.height)));
-  Result<EnvImage> result = resample(image, resample_options);
-  if (!result) return Error{result.error().code, job.input.name + ": " + result.error().message};
+  ENVCONV_TRY(EnvImage result, named(job, resample(image, resample_options)));
   image = {};
 
-  const Rotation rotation = composed(source.rotation, o.rotation);
-  ENVCONV_CHECK(write_files(plan, job, rotation, source_type, std::move(*result), outcome));
+  ENVCONV_CHECK(named(job, to_output(plan.color, output, color, result, write)));
+  outcome.color = write.color.space;
+  ENVCONV_CHECK(write_files(plan, job, write, std::move(result), outcome));
   return outcome;
 }
 

@@ -57,8 +57,8 @@ std::string simd_target() {
 
 std::string version_text() {
   return std::string("envconv ") + ENVCONV_VERSION + "\nOpenEXR " + ENVCONV_OPENEXR_VERSION + "\nOpenImageIO " +
-         ENVCONV_OIIO_VERSION + " (loaded for formats other than OpenEXR and Radiance)\nSIMD " + simd_target() +
-         "\nLicence Apache-2.0\n";
+         ENVCONV_OIIO_VERSION + " (loaded for formats other than OpenEXR and Radiance)\nOpenColorIO " +
+         ENVCONV_OCIO_VERSION + "\nSIMD " + simd_target() + "\nLicence Apache-2.0\n";
 }
 
 int unknown_verb(const std::string& word) {

@@ -137,6 +137,29 @@ std::string roff_filters() {
   return out;
 }
 
+std::string roff_colorspaces() {
+  std::string out;
+  const ColorConfig config = ColorConfig::embedded();
+  for (const std::string& space : config.spaces()) {
+    std::string aliases;
+    for (const std::string& alias : config.aliases(space)) aliases += (aliases.empty() ? "" : ", ") + alias;
+    out += ".TP\n.B " + roff(space) + "\n" + roff(config.description(space)) +
+           (aliases.empty() ? "" : "; also called " + roff(aliases)) + "\n";
+  }
+  return out;
+}
+
+std::string roff_displays() {
+  std::string out;
+  const ColorConfig config = ColorConfig::embedded();
+  for (const std::string& display : config.displays()) {
+    const std::vector<std::string> views = config.views(display);
+    const std::vector<std::string_view> names(views.begin(), views.end());
+    out += ".TP\n.B " + roff(display) + "\n" + roff(joined(names)) + "\n";
+  }
+  return out;
+}
+
 std::string roff_layouts() {
   std::string out;
   for (const Layout& layout : all_layouts()) {
@@ -181,10 +204,11 @@ std::string markdown_layouts() {
 
 const std::map<std::string, std::string (*)()>& sections() {
   static const std::map<std::string, std::string (*)()> all{
-      {"SYNOPSIS", roff_synopsis},    {"COMMANDS", roff_commands},
-      {"EXIT_STATUS", roff_statuses}, {"FILTERS", roff_filters},
-      {"FRAMES", roff_frames},        {"PACKINGS", roff_packings},
-      {"LAYOUTS", roff_layouts},      {"VERSION", [] { return std::string(ENVCONV_VERSION); }}};
+      {"SYNOPSIS", roff_synopsis},       {"COMMANDS", roff_commands},
+      {"EXIT_STATUS", roff_statuses},    {"FILTERS", roff_filters},
+      {"FRAMES", roff_frames},           {"PACKINGS", roff_packings},
+      {"COLORSPACES", roff_colorspaces}, {"DISPLAYS", roff_displays},
+      {"LAYOUTS", roff_layouts},         {"VERSION", [] { return std::string(ENVCONV_VERSION); }}};
   return all;
 }
 

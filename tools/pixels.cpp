@@ -52,6 +52,19 @@ void add_statistics(const Image& image, std::vector<ChannelStatistics>& totals) 
   }
 }
 
+float largest_color(const EnvImage& image) {
+  float largest = 0;
+  for (const Image& face : image.faces) {
+    const float* p = face.data();
+    for (std::size_t i = 0; i < face.pixel_count(); ++i) {
+      for (int c = 0; c < face.channels(); ++c, ++p) {
+        if (c != image.channels.alpha && *p > largest && std::isfinite(*p)) largest = *p;
+      }
+    }
+  }
+  return largest;
+}
+
 std::int64_t count_nonfinite(const Image& image) {
   std::int64_t count = 0;
   const float* p = image.data();

@@ -18,6 +18,9 @@ struct ChannelStatistics {
 /// Adds an image's values; `totals` has one entry per channel or is empty.
 void add_statistics(const Image& image, std::vector<ChannelStatistics>& totals);
 
+/// The largest finite value of all channels but alpha; 0 when none is positive.
+float largest_color(const EnvImage& image);
+
 /// NaN and infinite values in an image.
 std::int64_t count_nonfinite(const Image& image);
 

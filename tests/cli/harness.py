@@ -129,14 +129,17 @@ def read_exr(path):
     return width, height, channels, attributes
 
 
-def write_png(path, width, height, pixel, bits=8):
-    """A PNG file; pixel(x, y) gives (r, g, b), each 0 to 255 (or 65535 with 16 bits)."""
+def write_png(path, width, height, pixel, bits=8, chunks=()):
+    """A PNG file; pixel(x, y) gives (r, g, b), each 0 to 255 (or 65535 with 16 bits).
+
+    `chunks` are pairs of a type and its data, which stand before the pixels.
+    """
     code = "B" if bits == 8 else "H"
     rows = (b"".join(struct.pack(f">3{code}", *pixel(x, y)) for x in range(width)) for y in range(height))
-    write_png_rows(path, width, height, rows, bits)
+    write_png_rows(path, width, height, rows, bits, chunks)
 
 
-def write_png_rows(path, width, height, rows, bits=8):
+def write_png_rows(path, width, height, rows, bits=8, chunks=()):
     """A PNG file of RGB rows, each of them bytes."""
     data = b"".join(b"\0" + row for row in rows)
 
@@ -145,8 +148,42 @@ def write_png_rows(path, width, height, rows, bits=8):
 
     head = struct.pack(">IIBBBBB", width, height, bits, 2, 0, 0, 0)
     pathlib.Path(path).write_bytes(
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data, 1)) + chunk(b"IEND", b"")
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + b"".join(chunk(*c) for c in chunks) + chunk(b"IDAT", zlib.compress(data, 1)) + chunk(b"IEND", b"")
     )
+
+
+def read_png(path):
+    """(width, height, rows of tuples, {chunk: data}) of a PNG file of 8 or 16 bits, grey or RGB, not interlaced."""
+    data = pathlib.Path(path).read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n", "no PNG"
+    at, chunks, packed = 8, {}, b""
+    while at < len(data):
+        (size,) = struct.unpack_from(">I", data, at)
+        kind, content = data[at + 4 : at + 8], data[at + 8 : at + 8 + size]
+        assert struct.unpack_from(">I", data, at + 8 + size)[0] == zlib.crc32(kind + content), f"checksum of {kind}"
+        if kind == b"IDAT":
+            packed += content
+        else:
+            assert kind.isupper() or not packed or kind not in (b"cICP", b"sRGB", b"gAMA", b"cHRM"), "after the pixels"
+            chunks[kind.decode()] = content
+        at += 12 + size
+    width, height, bits, color, _, _, interlace = struct.unpack(">IIBBBBB", chunks["IHDR"])
+    channels = {0: 1, 2: 3, 4: 2, 6: 4}[color]
+    assert interlace == 0
+    size = channels * bits // 8
+    stride, raw, above, rows = width * size, zlib.decompress(packed), bytes(width * size), []
+    for y in range(height):
+        method, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
+        for i in range(stride):
+            left = line[i - size] if i >= size else 0
+            corner = above[i - size] if i >= size else 0
+            up, guess = above[i], left + above[i] - corner
+            nearest = min((abs(guess - left), 0, left), (abs(guess - up), 1, up), (abs(guess - corner), 2, corner))[2]
+            line[i] = (line[i] + (0, left, up, (left + up) // 2, nearest)[method]) & 255
+        values = struct.unpack(f">{width * channels}{'B' if bits == 8 else 'H'}", line)
+        rows.append([values[i : i + channels] for i in range(0, len(values), channels)])
+        above = line
+    return width, height, rows, chunks
 
 
 def direction(x, y, width, height):
