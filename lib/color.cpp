@@ -31,9 +31,6 @@ struct ColorTransform::Processor {
   bool linear = false;  // through the origin: it commutes with alpha
 };
 
-namespace {
-
-// Where red, green and blue are, or three times where Y is; nothing where there is no colour.
 std::optional<std::array<int, 3>> color_channels(const Channels& channels) {
   const auto find = [&](const char* name) {
     const auto at = std::find(channels.names.begin(), channels.names.end(), name);
@@ -45,10 +42,6 @@ std::optional<std::array<int, 3>> color_channels(const Channels& channels) {
   if (y >= 0) return std::array<int, 3>{y, y, y};
   return {};
 }
-
-}  // namespace
-
-bool has_color(const Channels& channels) { return color_channels(channels).has_value(); }
 
 Result<Ok> ColorTransform::apply(Image& image, const Channels& channels) const {
   if (!processor_) return Ok{};

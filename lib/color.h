@@ -3,6 +3,7 @@
 // between them.  Resampling is done in linear light, so a conversion is: to a working space, resample, to the output.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,8 +25,10 @@ struct ColorSpace {
   friend bool operator==(const ColorSpace&, const ColorSpace&) = default;
 };
 
-/// True where channels are colours: R, G and B, or Y.
-bool has_color(const Channels& channels);
+/// Where red, green and blue are among channels of those names, or three times where Y is; nothing where there is no
+/// colour.
+std::optional<std::array<int, 3>> color_channels(const Channels& channels);
+inline bool has_color(const Channels& channels) { return color_channels(channels).has_value(); }
 
 /// A display and one of its views.
 struct ColorView {

@@ -36,6 +36,13 @@ std::optional<Mat3> inverse(const Mat3& a) {
 // Bradford's cone responses.
 constexpr Mat3 kBradford{{0.8951, 0.2664, -0.1614, -0.7502, 1.7135, 0.0367, 0.0389, -0.0685, 1.0296}};
 
+bool near_identity(const Mat3& a) {
+  for (std::size_t i = 0; i < 9; ++i) {
+    if (std::abs(a.m[i] - (i % 4 == 0 ? 1 : 0)) > 1e-3) return false;
+  }
+  return true;
+}
+
 Vec3 white_of(const Chromaticities& c) { return (1 / c.white_y) * direction_of(c.white_x, c.white_y); }
 
 Mat3 adaptation(Vec3 to, Vec3 from) {
@@ -57,8 +64,11 @@ std::optional<Chromaticities> usable_primaries(const std::array<double, 8>& v) {
   // A white that its cones see as nothing could not be adapted to another.
   const Vec3 cones = kBradford * white_of(xy);
   if (!(cones.x > 0.01 && cones.y > 0.01 && cones.z > 0.01)) return {};
-  const Primaries* named = find_primaries(xy);
-  return named ? named->xy : xy;
+  if (const Primaries* named = find_primaries(xy)) return named->xy;
+  for (const Primaries& primaries : kPrimaries) {
+    if (near_identity(*rgb_from_rgb(primaries.xy, xy))) return primaries.xy;
+  }
+  return xy;
 }
 
 std::span<const Primaries> all_primaries() { return kPrimaries; }

@@ -21,7 +21,7 @@ struct Chromaticities {
 /// In the order of the fields.
 std::array<double, 8> chromaticity_values(const Chromaticities& xy);
 /// The same back; nothing when they span no colours, as in files that hold zeros.  Named primaries are given as they
-/// are defined, not as a file rounds them.
+/// are defined, not as a file rounds them or has them adapted to another white (ICC's D50, in what Photoshop writes).
 std::optional<Chromaticities> usable_primaries(const std::array<double, 8>& values);
 
 /// Primaries that have a name.

@@ -10,6 +10,7 @@
 #include "image.h"           // pixels, environments
 #include "io.h"              // files
 #include "layout.h"          // faces, direction, locate
+#include "luminance.h"       // how bright, and where
 #include "packing.h"         // faces in one image
 #include "recognize.h"       // files to environments
 #include "resample.h"        // from one environment to another

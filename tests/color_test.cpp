@@ -211,6 +211,14 @@ TEST(ColorMatrices, LuminanceOfRec709) {
   EXPECT_NEAR(weights.z, 0.0722, 5e-5);
 }
 
+TEST(ColorMatrices, PrimariesUnderAnotherWhiteAreRecognised) {
+  // sRGB adapted to D50 as in ICC's sRGB profile (Lindbloom's table of working spaces: 0.648431 0.330856 ...).
+  const auto adapted = usable_primaries({0.648431, 0.330856, 0.321152, 0.597871, 0.155886, 0.066044, 0.34567, 0.35850});
+  EXPECT_EQ(adapted, rec709());
+  // The same primaries with a white that is meant.
+  EXPECT_NE(usable_primaries({0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.34567, 0.35850}), rec709());
+}
+
 TEST(ColorMatrices, SenselessChromaticitiesAreRefused) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(usable_primaries({}));

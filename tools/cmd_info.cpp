@@ -7,6 +7,7 @@
 #include "color_options.h"
 #include "image.h"
 #include "input.h"
+#include "luminance.h"
 #include "pixels.h"
 #include "text.h"
 
@@ -33,6 +34,7 @@ struct Facts {
   std::vector<std::string> candidates;  ///< when that is because it could be several
   SourceColor color;
   std::vector<double> mean;
+  LuminanceStatistics luminance;
   std::vector<std::string> warnings;
 };
 
@@ -80,6 +82,9 @@ Result<Facts> collect(const InfoOptions& o, const ColorPlan& color, const std::s
   }
   ENVCONV_TRY(const EnvImage image, to_environment(std::move(pixels), facts.recognition));
   facts.mean = mean_radiance(image);
+  if (has_color(image.channels)) {
+    ENVCONV_TRY(facts.luminance, luminance_statistics(image, facts.color.working_primaries.value_or(rec709())));
+  }
   return facts;
 }
 
@@ -92,6 +97,39 @@ ordered_json chromaticities_json(const std::optional<Chromaticities>& xy) {
           {"green", {xy->green_x, xy->green_y}},
           {"blue", {xy->blue_x, xy->blue_y}},
           {"white", {xy->white_x, xy->white_y}}};
+}
+
+void add_luminance(ordered_json& json, const Facts& f) {
+  const LuminanceStatistics& l = f.luminance;
+  ordered_json percentiles;
+  for (std::size_t i = 0; i < luminance_shares.size(); ++i) {
+    percentiles[number_text(luminance_shares[i], 3)] = l.percentiles[i];
+  }
+  json["luminance"] = {{"min", l.min}, {"max", l.max}, {"mean", l.mean}, {"percentiles", percentiles}};
+  const Brightest& b = l.brightest;
+  json["brightest"] = {{"direction", {b.direction.x, b.direction.y, b.direction.z}},
+                       {"face", f.recognition.layout->info().faces[static_cast<std::size_t>(b.face)].name},
+                       {"x", b.x},
+                       {"y", b.y}};
+  json["dynamic_range_stops"] = l.stops();
+  json["dynamic_range_stops_98"] = l.usual_stops();
+}
+
+// Lines of the text: luminance, its percentiles, the brightest texel, the range.
+std::vector<std::pair<std::string, std::string>> luminance_lines(const Facts& f) {
+  const LuminanceStatistics& l = f.luminance;
+  const auto text = [](double v) { return number_text(v, 4); };
+  std::string percentiles;
+  for (std::size_t i = 0; i < luminance_shares.size(); ++i) {
+    percentiles += (i ? ", " : "") + number_text(luminance_shares[i], 3) + "% " + text(l.percentiles[i]);
+  }
+  const Brightest& b = l.brightest;
+  return {{"luminance", "min " + text(l.min) + ", max " + text(l.max) + ", mean " + text(l.mean)},
+          {"percentiles", percentiles},
+          {"brightest", "towards " + text(b.direction.x) + "," + text(b.direction.y) + "," + text(b.direction.z) +
+                            ", texel " + std::to_string(b.x) + "," + std::to_string(b.y) + " of " +
+                            std::string(f.recognition.layout->info().faces[static_cast<std::size_t>(b.face)].name)},
+          {"range", text(l.stops()) + " stops, " + text(l.usual_stops()) + " of them in the middle 98% of the sphere"}};
 }
 
 ordered_json json_of(const std::string& name, const Facts& f) {
@@ -139,6 +177,7 @@ ordered_json json_of(const std::string& name, const Facts& f) {
     channels.push_back(channel);
   }
   json["channels"] = channels;
+  if (f.luminance.any) add_luminance(json, f);
   json["warnings"] = f.warnings;
   return json;
 }
@@ -177,6 +216,9 @@ std::string text_of(const std::string& name, const Facts& f) {
   line("type", std::string(name_of(first.type)));
   line("format", f.file.format + (f.file.compression.empty() ? "" : ", " + f.file.compression));
   line("colour", f.color.text + ", " + f.color.input.how);
+  if (f.luminance.any) {
+    for (const auto& [key, value] : luminance_lines(f)) line(key, value);
+  }
   std::vector<std::vector<std::string>> rows{{"channel", "min", "max", "mean", "NaN", "Inf", "negative"}};
   for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
     const ChannelStatistics& s = f.statistics[c];
@@ -241,7 +283,10 @@ Command info_command() {
                       "Prints the layout of each FILE and how it was recognised, its packing, frame, faces "
                       "and size, the image's levels, channels, type, format and colour, and for each "
                       "channel the range of its finite values, the mean over the sphere (weighted by solid "
-                      "angle), and how many values are NaN, infinite or negative.  Values are linear.",
+                      "angle), and how many values are NaN, infinite or negative.  Of the luminance: its range, mean "
+                      "and percentiles over the sphere, the direction (right, up, forward) and texel of the largest, "
+                      "and the dynamic range in stops (powers of two) from the smallest positive value to the largest "
+                      "and over the middle 98 % of the sphere.  Values are linear.",
                   .reads_files = true};
   add_input_options(command, options->input);
   add_config_option(command, options->color, "Input");

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """envconv info and envconv layouts."""
 import json
+import math
+import struct
 import unittest
 
-from harness import PANORAMAS, Case, write_constant, write_exr
+from harness import PANORAMAS, Case, direction, write_constant, write_exr
 
 
 class Info(Case):
@@ -27,6 +29,67 @@ class Info(Case):
         # A white upper eighth of the rows covers (1 - cos 22.5 degrees) / 2 of the sphere, not an eighth.
         write_exr(self.path("in.exr"), 64, 32, lambda x, y: (1.0 if y < 4 else 0.0,) * 3)
         self.assertAlmostEqual(self.json("info", "in.exr")["channels"][0]["mean"], 0.03806, delta=1e-4)
+
+    def test_luminance(self):
+        # Rec. 709 (ITU-R BT.709-6, item 3.2), and the same light as the film's primaries have it.
+        for attributes, weights in (({}, (0.2126, 0.7152, 0.0722)),
+                                    ({"chromaticities": ("chromaticities", struct.pack("<8f", 0.713, 0.293, 0.165, 0.83,
+                                                                                       0.128, 0.044, 0.32168, 0.33767))},
+                                     (0.27223, 0.67408, 0.05369))):
+            write_exr(self.path("in.exr"), 32, 16, lambda x, y: (1.0, 2.0, 4.0), attributes=attributes)
+            wanted = sum(w * v for w, v in zip(weights, (1, 2, 4)))
+            luminance = self.json("info", "in.exr")["luminance"]
+            for value in (luminance["min"], luminance["max"], luminance["mean"], *luminance["percentiles"].values()):
+                self.assertAlmostEqual(value, wanted, delta=2e-4)
+
+    def test_percentiles_are_of_the_sphere(self):
+        # Rows of 64 get brighter downwards; of the sphere, (1 - cos theta) / 2 lies above polar angle theta.
+        write_exr(self.path("in.exr"), 128, 64, lambda x, y: (2.0 ** (y / 8),) * 3)
+        info = self.json("info", "in.exr")
+        for share, value in info["luminance"]["percentiles"].items():
+            theta = math.acos(1 - 2 * float(share) / 100)
+            row = min(63, math.floor(theta / math.pi * 64 - 1e-9))
+            self.assertAlmostEqual(math.log2(value) * 8, row, delta=0.01, msg=share)
+        self.assertAlmostEqual(info["dynamic_range_stops"], 63 / 8, delta=1e-4)
+        # 1 % lies above 11.48 degrees (row 4), 99 % above 168.52 (row 59).
+        self.assertAlmostEqual(info["dynamic_range_stops_98"], 55 / 8, delta=1e-3)
+
+    def test_the_brightest_direction(self):
+        at = direction(45, 9, 64, 32)
+        write_exr(self.path("in.exr"), 64, 32, lambda x, y: (900.0 if (x, y) == (45, 9) else 1.0,) * 3)
+        self.run_tool("convert", "in.exr", "-o", "three.exr", "--to", "latlong", "--frame", "three", "--type", "float",
+                      "--size", 32, "--filter", "nearest")
+        for name in ("in.exr", "three.exr"):
+            info = self.json("info", name)
+            # The frame turns the map, not the sky.
+            for got, wanted in zip(info["brightest"]["direction"], at):
+                self.assertAlmostEqual(got, wanted, delta=1e-6 if name == "in.exr" else 0.06)
+            self.assertAlmostEqual(info["luminance"]["max"], 900, delta=0.01)
+        info = self.json("info", "in.exr")
+        self.assertEqual([info["brightest"][k] for k in ("face", "x", "y")], ["latlong", 45, 9])
+        self.run_tool("convert", "in.exr", "-o", "sky_{face}.exr", "--size", 64)
+        brightest = self.json("info", "sky_{face}.exr")["brightest"]
+        self.assertEqual(brightest["face"], max(zip(map(abs, at), ("px", "py", "pz")))[1])  # all three are positive
+        for got, wanted in zip(brightest["direction"], at):
+            self.assertAlmostEqual(got, wanted, delta=0.06)
+        text = self.run_tool("info", "in.exr").out
+        for part in ("luminance", "percentiles", "50% 1,", "brightest", "texel 45,9 of latlong", "9.814 stops"):
+            self.assertIn(part, text)
+
+    def test_luminance_where_there_is_little(self):
+        write_constant(self.path("black.exr"), 0.0)
+        info = self.json("info", "black.exr")
+        self.assertEqual((info["luminance"]["max"], info["dynamic_range_stops"]), (0, 0))
+        write_constant(self.path("nan.exr"), float("nan"))
+        self.assertNotIn("luminance", self.json("info", "nan.exr"))
+        write_exr(self.path("z.exr"), 16, 8, lambda x, y: (1.0, 2.0), "Zq")
+        self.assertNotIn("luminance", self.json("info", "z.exr"))
+        write_exr(self.path("y.exr"), 16, 8, lambda x, y: (0.3,), "Y")
+        self.assertAlmostEqual(self.json("info", "y.exr")["luminance"]["percentiles"]["50"], 0.3, delta=1e-7)
+        write_exr(self.path("neg.exr"), 16, 8, lambda x, y: (-1.0 if y < 4 else 2.0,) * 3)
+        info = self.json("info", "neg.exr")
+        self.assertAlmostEqual(info["luminance"]["percentiles"]["25"], -1, delta=1e-6)
+        self.assertEqual((info["luminance"]["min"], info["dynamic_range_stops"]), (-1, 0))
 
     def test_several_files(self):
         write_constant(self.path("a.exr"))
