@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <locale>
 #include <mutex>
 #include <span>
@@ -43,6 +44,17 @@ std::optional<std::array<int, 3>> color_channels(const Channels& channels) {
   return {};
 }
 
+namespace {
+
+// Powers of subnormal numbers take several times as long as others, and no curve tells them from black.
+void flush(float* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    if (std::abs(values[i]) < std::numeric_limits<float>::min()) values[i] = 0;
+  }
+}
+
+}  // namespace
+
 Result<Ok> ColorTransform::apply(Image& image, const Channels& channels) const {
   if (!processor_) return Ok{};
   const auto found = color_channels(channels);
@@ -53,6 +65,7 @@ Result<Ok> ColorTransform::apply(Image& image, const Channels& channels) const {
   const ocio::CPUProcessor& cpu = *processor_->cpu;
   tbb::parallel_for(0, image.height(), [&](int y) {
     if (direct) {
+      if (!processor_->linear) flush(image.row(y), 3 * static_cast<std::size_t>(image.width()));
       ocio::PackedImageDesc row(image.row(y), image.width(), 1, 3);
       cpu.apply(row);
       return;
@@ -63,6 +76,7 @@ Result<Ok> ColorTransform::apply(Image& image, const Channels& channels) const {
     for (std::size_t i = 0; i < colors.size(); i += 3, texel += count) {
       for (std::size_t c = 0; c < 3; ++c) colors[i + c] = texel[at[c]] / cover(texel);
     }
+    if (!processor_->linear) flush(colors.data(), colors.size());
     ocio::PackedImageDesc row(colors.data(), image.width(), 1, 3);
     cpu.apply(row);
     texel = image.row(y);
