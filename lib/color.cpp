@@ -356,11 +356,6 @@ Result<ColorView> ColorConfig::find_view(const std::string& display, const std::
     }
     found.view = *at;
   }
-  // The view's own tables, from whatever space there is.
-  std::string from = impl_->scene_interchange();
-  if (from.empty()) from = impl_->role("scene_linear");
-  if (from.empty()) from = impl_->config->getColorSpaceNameByIndex(0);
-  ENVCONV_CHECK(transform(ColorSpace{from, rec709()}, found));
   return found;
 }
 
@@ -454,7 +449,7 @@ void find_curve(const Function& f, ColorEncoding& encoding) {
     encoding.transfer = Transfer::srgb;
   } else if (half > 0 && half < 1) {
     const double gamma = std::log(half) / std::log(0.5);
-    if (std::abs(dark - std::pow(0.02, gamma)) > 1e-2 * dark) return;
+    if (gamma < 0.1 || gamma > 10 || std::abs(dark - std::pow(0.02, gamma)) > 1e-2 * dark) return;
     encoding.transfer = Transfer::gamma;
     encoding.gamma = std::round(gamma * 1000) / 1000;
   }

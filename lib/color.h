@@ -79,7 +79,7 @@ class ColorConfig {
   /// The space of that name, alias or role, once it is certain that its transforms can be used.  The error suggests
   /// near names, or lists all.
   Result<ColorSpace> find_space(const std::string& name) const;
-  /// An empty display or view stands for the default one.
+  /// An empty display or view stands for the default one.  Checks names only: transform() finds what a view lacks.
   Result<ColorView> find_view(const std::string& display, const std::string& view) const;
   /// The space that the configuration's rules find in a file's name, or "" when only their default would do.  A space's
   /// name counts where it stands as a word of its own in the last part of the path; one for data never does.

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <locale>
 #include <random>
@@ -420,33 +421,17 @@ class ColorFiles : public testing::Test {
   std::filesystem::path folder_;
 };
 
-// Spaces of odd names; half of Rec. 709, and a gamma of 1.5.
-constexpr char kOdd[] = R"(ocio_profile_version: 2
-roles:
-  default: ref
-  scene_linear: ref
-  aces_interchange: "a: c, e 'and' s"
-file_rules:
-  - !<Rule> {name: plates, colorspace: "gamma 1,5", pattern: "plate*", extension: "*"}
-  - !<Rule> {name: Default, colorspace: default}
-displays:
-  "d 1":
-    - !<View> {name: "v # 1", colorspace: "gamma 1,5"}
-colorspaces:
-  - !<ColorSpace>
-    name: ref
-  - !<ColorSpace>
-    name: "a: c, e 'and' s"
-    to_scene_reference: !<MatrixTransform> {matrix: [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]}
-  - !<ColorSpace>
-    name: "gamma 1,5"
-    to_scene_reference: !<ExponentTransform> {value: [1.5, 1.5, 1.5, 1]}
-)";
+// Spaces of odd names: half of ACES2065-1, and a gamma of 1.5.
+std::string odd() {
+  std::ifstream in(ENVCONV_TESTDATA "/color/odd.ocio", std::ios::binary);
+  EXPECT_TRUE(in.good());
+  return {std::istreambuf_iterator<char>(in), {}};
+}
 
 TEST_F(ColorFiles, NamesMayBeOdd) {
-  const auto config = ColorConfig::from_file(file("odd.ocio", kOdd));
+  const auto config = ColorConfig::from_file(file("odd.ocio", odd()));
   ASSERT_TRUE(config.ok()) << config.error().message;
-  const auto half = config->transform(space(*config, "a: c, e 'and' s"), space(*config, "ref"));
+  const auto half = config->transform(space(*config, "the: odd, 'one'"), space(*config, "ref"));
   ASSERT_TRUE(half.ok());
   expect_near(apply(*half, {1, -2, 3}), {0.5f, -1, 1.5f}, 1e-6f);
   const auto view = config->find_view("", "");
@@ -460,14 +445,14 @@ TEST_F(ColorFiles, NamesMayBeOdd) {
 }
 
 TEST_F(ColorFiles, LinearLightIsRelatedByTheInterchangeRole) {
-  const auto config = ColorConfig::from_file(file("odd.ocio", kOdd));
+  const auto config = ColorConfig::from_file(file("odd.ocio", odd()));
   ASSERT_TRUE(config.ok());
   // White of Rec. 709 is white of ACES2065-1, half of which is this configuration's reference.
   const auto transform = config->transform(ColorSpace::linear(rec709()), space(*config, "ref"));
   ASSERT_TRUE(transform.ok()) << transform.error().message;
   expect_near(apply(*transform, {1, 1, 1}), {0.5f, 0.5f, 0.5f}, 1e-5f);
-  std::string text = kOdd;
-  text.erase(text.find("  aces_interchange"), std::string("  aces_interchange: \"a: c, e 'and' s\"\n").size());
+  std::string text = odd();
+  text.erase(text.find("  aces_interchange"), std::string("  aces_interchange: \"the: odd, 'one'\"\n").size());
   const auto lone = ColorConfig::from_file(file("lone.ocio", text));
   ASSERT_TRUE(lone.ok()) << lone.error().message;
   const auto none = lone->transform(ColorSpace::linear(rec709()), space(*lone, "ref"));
@@ -476,8 +461,7 @@ TEST_F(ColorFiles, LinearLightIsRelatedByTheInterchangeRole) {
 }
 
 TEST_F(ColorFiles, BrokenOnesAreErrorsWithTheLibrarysText) {
-  const std::string good = kOdd;
-  std::string no_space = good, version = good, lut = good;
+  std::string no_space = odd(), version = odd();
   no_space.replace(no_space.find("scene_linear: ref"), 17, "scene_linear: nix");
   version.replace(version.find("version: 2"), 10, "version: 99");
   const std::string deep(200000, '[');
@@ -507,7 +491,7 @@ TEST_F(ColorFiles, BrokenOnesAreErrorsWithTheLibrarysText) {
 }
 
 TEST_F(ColorFiles, ATableThatIsNoneIsFoundByName) {
-  std::string text = kOdd;
+  std::string text = odd();
   text += "  - !<ColorSpace>\n    name: outside\n    to_scene_reference: !<FileTransform> {src: /etc/passwd}\n";
   const auto config = ColorConfig::from_file(file("lut.ocio", text));
   ASSERT_TRUE(config.ok()) << config.error().message;
@@ -523,7 +507,7 @@ TEST_F(ColorFiles, TheEnvironmentNamesOne) {
   EXPECT_EQ(ColorConfig::from_environment()->path(), "");
   ::setenv("OCIO", "", 1);
   EXPECT_EQ(ColorConfig::from_environment()->path(), "");
-  const std::string path = file("odd.ocio", kOdd);
+  const std::string path = file("odd.ocio", odd());
   ::setenv("OCIO", path.c_str(), 1);
   EXPECT_EQ(ColorConfig::from_environment()->path(), path);
 }
@@ -535,7 +519,7 @@ TEST_F(ColorFiles, CommaLocaleOfTheHost) {
     char do_thousands_sep() const override { return '.'; }
     std::string do_grouping() const override { return "\3"; }
   };
-  const std::string path = file("odd.ocio", kOdd);
+  const std::string path = file("odd.ocio", odd());
   const std::locale before = std::locale::global(std::locale(std::locale::classic(), new Comma));
   const Color srgb = convert("sRGB - Texture", "ACEScg", {0.5f, 0.25f, 0.75f});
   const ColorConfig embedded = ColorConfig::embedded();

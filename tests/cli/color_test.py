@@ -7,7 +7,7 @@ import struct
 import subprocess
 import unittest
 
-from harness import PANORAMAS, Case, read_exr, read_png, write_constant, write_exr, write_png
+from harness import PANORAMAS, SOURCE, Case, read_exr, read_png, write_constant, write_exr, write_png
 
 PLAIN = ("--to", "latlong", "--compression", "none", "--type", "float")
 MAP = ("--to", "latlong")
@@ -15,28 +15,8 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 AP1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 
-# A configuration of one's own: its reference is twice ACES2065-1, and its names are odd.
-CONFIG = """ocio_profile_version: 2
-roles:
-  default: ref
-  scene_linear: ref
-  aces_interchange: "the: odd, 'one'"
-file_rules:
-  - !<Rule> {name: plates, colorspace: "gamma 1,5", pattern: "plate*", extension: "*"}
-  - !<Rule> {name: Default, colorspace: default}
-displays:
-  "d 1":
-    - !<View> {name: "v # 1", colorspace: "gamma 1,5"}
-colorspaces:
-  - !<ColorSpace>
-    name: ref
-  - !<ColorSpace>
-    name: "the: odd, 'one'"
-    to_scene_reference: !<MatrixTransform> {matrix: [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]}
-  - !<ColorSpace>
-    name: "gamma 1,5"
-    to_scene_reference: !<ExponentTransform> {value: [1.5, 1.5, 1.5, 1]}
-"""
+# A configuration of one's own.
+CONFIG = (SOURCE / "testdata/color/odd.ocio").read_text()
 
 
 def srgb(v):
@@ -238,6 +218,8 @@ class Names(ColorCase):
             self.run_tool("info", "in.exr", expect=2, env=without_ocio(OCIO=name)).says(name, "$OCIO")
         self.refused("--ocio-config", file("lut.ocio", lut), "--out-colorspace", "lut").says("passwd")
         self.refused("--ocio-config", "lut.ocio", "--in-colorspace", "lut").says("passwd")
+        file("view.ocio", lut.replace('v # 1", colorspace: "gamma 1,5"', 'v # 1", colorspace: lut'))
+        self.refused("--ocio-config", "view.ocio", "--view", "v # 1").says("v # 1", "passwd")
         os.mkfifo(self.path("fifo"))
         self.refused("--ocio-config", "fifo").says("regular file")
 
@@ -383,9 +365,10 @@ class Records(ColorCase):
             ([(b"cICP", bytes([9, 1, 0, 1]))], 0.5**2.4, "rec2020", "cICP"),
         ):
             write_png(self.path("in.png"), 16, 8, lambda x, y: (32768,) * 3, 16, chunks)
-            info = self.json("info", "in.png")
-            self.assertAlmostEqual(info["channels"][1]["max"], value, delta=1e-4)
-            self.assertEqual((info["primaries"]["name"], info["colorspace_from"]), (name, how))
+            for words in ((), ("--trust-input",)):
+                info = self.json("info", "in.png", *words)
+                self.assertAlmostEqual(info["channels"][1]["max"], value, delta=1e-4)
+                self.assertEqual((info["primaries"]["name"], info["colorspace_from"]), (name, how))
         write_png(self.path("in.png"), 16, 8, lambda x, y: (128,) * 3, 8, [(b"cICP", bytes([9, 16, 0, 1]))])
         self.run_tool("info", "in.png").says("PQ", "not supported")
 

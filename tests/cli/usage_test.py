@@ -87,7 +87,7 @@ class Help(Case):
 
     def test_version(self):
         out = self.run_tool("--version").out
-        for part in ("envconv 0.", "OpenEXR 3.", "OpenImageIO 2.", "SIMD ", "Apache-2.0"):
+        for part in ("envconv 0.", "OpenEXR 3.", "OpenImageIO 2.", "OpenColorIO 2.", "SIMD ", "Apache-2.0"):
             self.assertIn(part, out)
 
     def test_start_up_is_quick_and_without_the_image_library(self):
