@@ -109,8 +109,8 @@ struct WriteReport {
 Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels = 1);
 
 /// Writes pictures (more than one: EXR parts) to a temporary name in the same folder, syncs and renames: a reader never
-/// sees half a file, and a failure leaves the old content and nothing else.  Pixels are linear; integer formats are
-/// written as sRGB.  Errors: output, unsupported.
+/// sees half a file, and a failure leaves the old content and nothing else.  Integer formats hold what
+/// WriteOptions::encoding makes of the pixels.  Errors: output, unsupported.
 Result<WriteReport> write_pictures(const std::string& path, const std::vector<Picture>& pictures,
                                    const WriteOptions& options);
 

@@ -21,6 +21,11 @@ std::string with_face(const std::string& name, std::string_view face) {
   return path;
 }
 
+std::string recorded_space(const PictureFile& file) {
+  const auto record = file.metadata.find("envconv:colorspace");
+  return record == file.metadata.end() ? "" : record->second;
+}
+
 }  // namespace
 
 Input input_named(const std::string& name, const InputHints& hints) {
@@ -70,6 +75,13 @@ Result<PictureFile> read_input(const Input& input, const ReadOptions& options) {
                                            std::to_string(picture.image.height()) + ", where " + input.paths[0] +
                                            " is " + std::to_string(first.width()) + "x" +
                                            std::to_string(first.height())};
+      }
+      // With as_stored, the caller knows better than the files.
+      if (!options.as_stored &&
+          (one.as_stored != all.as_stored || one.color_encoding.primaries != all.color_encoding.primaries ||
+           recorded_space(one) != recorded_space(all))) {
+        return Error{ErrorCode::input, input.paths[i] + ": its colour space is not that of " + input.paths[0] +
+                                           " (--in-colorspace says which it is)"};
       }
       if (picture.channels != all.pictures.front().channels) {
         return Error{ErrorCode::input, input.paths[i] + ": its channels are not those of " + input.paths[0]};

@@ -126,6 +126,18 @@ class Conversions(ColorCase):
         self.check(self.color("out.exr"), (1, 0, 0), 2e-4)
 
 
+    def test_faces_of_one_environment_have_one_space(self):
+        faces = ("px", "nx", "py", "ny", "pz", "nz")
+        for face in faces:
+            write_exr(self.path(f"{face}.exr"), 8, 8, lambda x, y: (1, 1, 1),
+                      attributes={"chromaticities": chromaticities(AP1 if face == "py" else P3)})
+        self.run_tool("convert", "{face}.exr", "-o", "out.exr", expect=3).says("py.exr", "px.exr", "--in-colorspace")
+        self.run_tool("convert", "{face}.exr", "-o", "out.exr", "--in-colorspace", "ACEScg").is_silent()
+        write_exr(self.path("py.exr"), 8, 8, lambda x, y: (1, 1, 1), attributes={"chromaticities": chromaticities(P3)})
+        self.run_tool("convert", "{face}.exr", "-o", "out.exr").is_silent()
+        self.assertEqual(self.json("info", "out.exr")["primaries"]["name"], "p3-d65")
+
+
 class Views(ColorCase):
     def test_hdr_is_not_clipped_in_integers(self):
         write_exr(self.path("in.exr"), 64, 32, lambda x, y: (2.0 ** (x // 8 - 3),) * 3)
