@@ -21,6 +21,10 @@ std::string extension_of(const std::string& path);
 int thread_count(int asked);
 bool is_integer(PixelType type);
 
+/// What values of a type mean in a file that is written so: sRGB where the writer puts integers along that curve, else
+/// what the options say.
+ColorEncoding stored_color(const WriteOptions& options, PixelType type);
+
 /// Our attributes in one line "envconv:layout=cube envconv:...", for formats that have a description and nothing else.
 std::string join_metadata(const Metadata& metadata);
 void split_metadata(const std::string& line, Metadata& metadata);

@@ -20,6 +20,13 @@
 #include "png_color.h"
 
 namespace envconv {
+
+ColorEncoding stored_color(const WriteOptions& options, PixelType type) {
+  ColorEncoding color = options.color;
+  if (is_integer(type) && options.encoding == Encoding::srgb) color.transfer = Transfer::srgb;
+  return color;
+}
+
 namespace {
 
 // --- formats that can be written -----------------------------------------------------------------------------------
@@ -237,13 +244,6 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
   report.clamped_negative += negative;
   report.nonfinite += nonfinite;
   return elements;
-}
-
-// What the stored values mean.
-ColorEncoding stored_color(const WriteOptions& options, PixelType type) {
-  ColorEncoding color = options.color;
-  if (is_integer(type) && options.encoding == Encoding::srgb) color.transfer = Transfer::srgb;
-  return color;
 }
 
 // The image library's word for the curve, or "".  PNG's chunks are ours, and TIFF would need an Exif directory for it,

@@ -191,6 +191,7 @@ ordered_json json_of(const ConvertPlan& plan, const Job& job, const Shape* shape
                     {"width", shape->image.width},
                     {"height", shape->image.height},
                     {"channels", shape->channels},
+                    {"colorspace", shape->color.text},
                     {"how", shape->source.how}};
   return json;
 }
@@ -201,7 +202,7 @@ void print_json(const ordered_json& json) {
 
 std::string sentence(const ConvertPlan& plan, const Job& job, const Shape& shape) {
   return job.input.name + ": " + std::string(shape.source.layout->name()) + " " + std::to_string(shape.image.width) +
-         "x" + std::to_string(shape.image.height) + ", " + shape.source.how + ", to " +
+         "x" + std::to_string(shape.image.height) + ", " + shape.source.how + ", " + shape.color.text + ", to " +
          std::string(plan.options.layout->name()) + ", " + std::to_string(shape.faces.size()) +
          (shape.faces.size() == 1 ? " face" : " faces") + " of " + std::to_string(shape.faces.front().width) + "x" +
          std::to_string(shape.faces.front().height) + ", as " + std::string(plan.options.packing->name) + ": " +
@@ -267,7 +268,6 @@ int run_plan(const ConvertPlan& plan) {
           json["skipped"] = true;
         } else {
           json["type"] = name_of(outcome->type);
-          json["source"]["colorspace"] = outcome->source_color;
           json["colorspace"] = outcome->color.empty() ? ordered_json() : ordered_json(outcome->color);
         }
       }

@@ -68,6 +68,7 @@ struct Shape {
   Recognition source;
   Size image;  ///< of the input's first picture
   int channels = 0;
+  SourceColor color;
   int height = 0;  ///< of the output's face 0
   std::vector<Size> faces;
   std::size_t peak_bytes = 0;  ///< of pixels, held at one time
@@ -82,7 +83,7 @@ struct Outcome {
   Shape shape;
   bool skipped = false;
   PixelType type = PixelType::half;
-  std::string source_color, color;  ///< colour spaces of the input and of the output, in words
+  std::string color;  ///< colour space of the output, or ""
   std::vector<std::string> warnings;
 };
 /// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work

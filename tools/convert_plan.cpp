@@ -147,6 +147,11 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
   ENVCONV_CHECK(fill_in(options));
   ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
   ConvertPlan plan{std::move(options), {}, {}};
+  std::vector<std::string> first_files;
+  for (const std::string& name : inputs) {
+    first_files.push_back(input_named(name, plan.options.input.hints).paths.front());
+  }
+  ENVCONV_TRY(plan.color, plan_color(plan.options.color, first_files));
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     Job job;
     job.input = input_named(inputs[i], plan.options.input.hints);
@@ -158,9 +163,6 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
     }
     plan.jobs.push_back(std::move(job));
   }
-  std::vector<std::string> first_files;
-  for (const Job& job : plan.jobs) first_files.push_back(job.input.paths.front());
-  ENVCONV_TRY(plan.color, plan_color(plan.options.color, first_files));
   ENVCONV_CHECK(check_outputs(plan));
   return plan;
 }
@@ -173,6 +175,7 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
   for (const Picture& picture : file.pictures) source_values += picture.image.value_count();
   shape.image = {file.pictures.front().image.width(), file.pictures.front().image.height()};
   shape.channels = file.pictures.front().channels.count();
+  ENVCONV_TRY(shape.color, source_color(plan.color, file, job.input.paths.front()));
   shape.height = o.size     ? o.size
                  : o.texels ? height_for_texels(*o.layout, o.texels)
                             : matching_height(*shape.source.layout, shape.source.height, *o.layout);
@@ -196,7 +199,7 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
 }
 
 Result<Shape> read_shape(const ConvertPlan& plan, const Job& job) {
-  ReadOptions read = plan.options.input.read;
+  ReadOptions read = with_color(plan.options.input.read, plan.color, job.input.paths.front());
   read.header_only = true;
   ENVCONV_TRY(const PictureFile file, read_input(job.input, read));
   if (file.pictures.empty()) return Error{ErrorCode::input, job.input.name + ": holds no picture"};

@@ -197,9 +197,7 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   outcome.warnings.insert(outcome.warnings.end(), source.warnings.begin(), source.warnings.end());
   const PixelType source_type = file.pictures.front().type;
 
-  ENVCONV_TRY(const SourceColor color, source_color(plan.color, file, job.input.paths.front()));
-  outcome.source_color = color.text;
-
+  const SourceColor& color = outcome.shape.color;
   ENVCONV_TRY(EnvImage image, to_environment(std::move(file), source));
   ENVCONV_CHECK(treat_nonfinite(plan, job, image, outcome.warnings));
   ENVCONV_CHECK(named(job, to_working(plan.color, color, image.channels, image.faces)));

@@ -75,6 +75,9 @@ class Conversions(ColorCase):
                             ("lin_rec709", 1.0)):
             self.run_tool("convert", "in.png", "-o", "out.exr", "--in-colorspace", name, *PLAIN).is_silent()
             self.check(self.color("out.exr"), [(v / 255) ** curve for v in (128, 64, 32)], 1e-6)
+        # Data stays what it is in integers, too.
+        self.run_tool("convert", "in.png", "-o", "out.png", "--in-colorspace", "Raw", *MAP).is_silent()
+        self.assertEqual(read_png(self.path("out.png"))[2][3][5], (128, 64, 32))
         self.run_tool("convert", "in.png", "-o", "a.exr", "--in-colorspace", "sRGB - Texture", *PLAIN)
         self.run_tool("convert", "in.png", "-o", "b.exr", *PLAIN)
         self.check(self.color("a.exr"), self.color("b.exr"), 1e-6)
@@ -416,6 +419,8 @@ class Records(ColorCase):
         self.constant("in.exr", (1, 1, 1))
         report = self.json("convert", "in.exr", "-o", "out.exr", "--out-colorspace", "lin_ap1", *MAP)
         self.assertEqual((report["source"]["colorspace"], report["colorspace"]), ("Linear Rec.709 (sRGB)", "ACEScg"))
+        plan = self.json("convert", "in.exr", "-o", "o_{size}.exr", "--in-colorspace", "acescg", "--dry-run")
+        self.assertEqual(plan["source"]["colorspace"], "ACEScg")
 
 
 if __name__ == "__main__":
