@@ -45,10 +45,9 @@ Result<Ok> check_way(const ColorPlan& plan, const std::vector<std::string>& inpu
 }  // namespace
 
 void add_config_option(Command& command, ColorOptions& target, std::string group) {
-  command.options.push_back(in_group(text_option("--ocio-config", "FILE", target.config,
-                                                 "OpenColorIO configuration, a trusted file; without it and without "
-                                                 "$OCIO, one that is built in"),
-                                     std::move(group), "$OCIO, or built in"));
+  command.options.push_back(
+      in_group(text_option("--ocio-config", "FILE", target.config, "OpenColorIO configuration, a trusted file"),
+               std::move(group), "$OCIO, or the one that is built in"));
 }
 
 void add_color_options(Command& command, ColorOptions& target, const std::string& group) {

@@ -387,6 +387,27 @@ class Records(ColorCase):
         write_png(self.path("in.png"), 16, 8, lambda x, y: (128,) * 3, 8, [(b"cICP", bytes([9, 16, 0, 1]))])
         self.run_tool("info", "in.png").says("PQ", "not supported")
 
+    def test_icc_profiles(self):
+        # One made by Little CMS, and the same under other names.
+        program = """
+from PIL import Image, ImageCms
+profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+own = "sRGB built-in".encode("utf-16-be")
+assert profile.count(own) == 1
+for name, text in (("a", "sRGB built-in"), ("b", "Some wide RGB"), ("c", "Display P3\\0\\0\\0")):
+    for kind in ("png", "jpg", "tif"):
+        image = Image.new("RGB", (16, 8), (128, 64, 32))
+        image.save(f"{name}.{kind}", icc_profile=profile.replace(own, text.encode("utf-16-be")))
+"""
+        subprocess.run(["/usr/bin/python3", "-c", program], cwd=self.folder, check=True)
+        for kind in ("png", "jpg", "tif"):
+            self.assertEqual(self.json("info", f"a.{kind}")["primaries"]["name"], "rec709")
+            self.assertEqual(self.err, "")
+            self.json("info", f"b.{kind}")
+            self.says('ICC profile "Some wide RGB" is not applied', "--in-colorspace")
+            info = self.json("info", f"c.{kind}")
+            self.assertEqual((info["color"], info["primaries"]["name"], self.err), ("sRGB", "p3-d65", ""))
+
     def test_chunks_that_lie(self):
         for chunks in ([(b"cICP", b"\1")], [(b"gAMA", b"\0\0\0\0")], [(b"cHRM", bytes(32)), (b"gAMA", b"\0\0\xb1\x8f")],
                        [(b"cICP", bytes(5))], [(b"tEXt", bytes(3))] * 1500):
