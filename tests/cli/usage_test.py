@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wrong command lines: status 2, a line that says what to do, and nothing read or written."""
 import os
-import time
 import unittest
 
 from harness import BINARY, SANITIZED, Case, write_constant
@@ -90,13 +89,7 @@ class Help(Case):
         for part in ("envconv 0.", "OpenEXR 3.", "OpenImageIO 2.", "OpenColorIO 2.", "SIMD ", "Apache-2.0"):
             self.assertIn(part, out)
 
-    def test_start_up_is_quick_and_without_the_image_library(self):
-        times = []
-        for _ in range(5):
-            start = time.perf_counter()
-            self.run_tool("--version")
-            times.append(time.perf_counter() - start)
-        self.assertLess(min(times), 0.3 if SANITIZED else 0.03)
+    def test_start_up_is_without_the_image_library(self):
         # The loader's list of what a start needs.
         self.run_tool("--version", env={**os.environ, "LD_TRACE_LOADED_OBJECTS": "1"})
         self.assertIn("libOpenEXR", self.out, f"no list of libraries from {BINARY}")
