@@ -43,3 +43,10 @@ endif()
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).
 add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
 target_link_libraries(resample_bench PRIVATE libenvconv TBB::tbb)
+
+# Beside OpenCV, where it is installed (ninja peers_bench; libopencv-dev).
+find_package(OpenCV QUIET COMPONENTS core imgproc)
+if(OpenCV_FOUND)
+  add_executable(peers_bench EXCLUDE_FROM_ALL tests/bench/peers_bench.cpp)
+  target_link_libraries(peers_bench PRIVATE libenvconv opencv_core opencv_imgproc)
+endif()
