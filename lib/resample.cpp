@@ -89,7 +89,7 @@ class Resampler {
     return true;
   }
 
-  Result<EnvImage> run() {
+  Result<EnvImage> run(EnvImage recycled) {
     EnvImage out;
     out.layout = options_.layout;
     out.placement = options_.placement;
@@ -101,7 +101,13 @@ class Resampler {
     }
     for (int f = 0; f < options_.layout->face_count(); ++f) {
       const Size size = face_size(*options_.layout, f, options_.height);
-      out.faces.emplace_back(size.width, size.height, source_.channels.count());
+      const auto i = static_cast<std::size_t>(f);
+      if (i < recycled.faces.size() && recycled.faces[i].width() == size.width &&
+          recycled.faces[i].height() == size.height && recycled.faces[i].channels() == source_.channels.count()) {
+        out.faces.push_back(std::move(recycled.faces[i]));
+      } else {
+        out.faces.emplace_back(size.width, size.height, source_.channels.count());
+      }
     }
     make_tiles(out);
     const int groups = (source_.channels.count() + 3) / 4;
@@ -638,7 +644,7 @@ class Resampler {
 
 }  // namespace
 
-Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options) {
+Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled) {
   if (!source.layout || static_cast<int>(source.faces.size()) != source.layout->face_count() ||
       source.channels.count() == 0)
     return Error{ErrorCode::unsupported, "the source has no pixels"};
@@ -650,7 +656,7 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
     // More than there are cores gain nothing, and make TBB print.
     const int cores = tbb::info::default_concurrency();
     tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, cores) : cores);
-    return arena.execute([&] { return resampler.run(); });
+    return arena.execute([&] { return resampler.run(std::move(recycled)); });
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to resample (about " +
                                        std::to_string(resample_bytes(source, options) >> 20) + " MiB are needed)"};
