@@ -11,6 +11,7 @@
 #include "io.h"              // files
 #include "layout.h"          // faces, direction, locate
 #include "luminance.h"       // how bright, and where
+#include "metrics.h"         // errors between environments
 #include "packing.h"         // faces in one image
 #include "recognize.h"       // files to environments
 #include "resample.h"        // from one environment to another

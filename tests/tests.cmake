@@ -20,6 +20,7 @@ set(tests
   io_test
   layout_facts_test
   layout_laws_test
+  metrics_test
   packing_test
   recognize_test
   resample_test
