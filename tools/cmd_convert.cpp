@@ -49,18 +49,6 @@ Option size_option(int& target) {
   return option;
 }
 
-Option filter_option(const Filter*& target) {
-  Option option{.names = "--filter",
-                .value = "NAME",
-                .help = "how the input is weighted over each output texel; auto neither aliases nor blurs",
-                .choices = filter_names()};
-  option.set = [&target](const std::string& name) {
-    target = find_filter(name);
-    return target ? std::string() : "no filter is called '" + name + "'; there are: " + joined(filter_names());
-  };
-  return option;
-}
-
 constexpr std::array<std::pair<std::string_view, PixelType>, 4> types{{{"half", PixelType::half},
                                                                        {"float", PixelType::float32},
                                                                        {"uint8", PixelType::uint8},

@@ -102,4 +102,23 @@ Result<Recognition> recognize_input(const Input& input, const PictureFile& file,
   return recognize(file, all);
 }
 
+bool is_integer(PixelType type) {
+  return type == PixelType::uint8 || type == PixelType::uint16 || type == PixelType::uint32;
+}
+
+Result<LoadedMap> load_map(const std::string& name, const InputHints& hints, const ReadOptions& options) {
+  const Input input = input_named(name, hints);
+  ENVCONV_CHECK(check_readable(input));
+  ENVCONV_TRY(PictureFile file, read_input(input, options));
+  if (file.pictures.empty()) return Error{ErrorCode::input, name + ": holds no picture"};
+  LoadedMap map;
+  map.name = name;
+  map.type = file.pictures.front().type;
+  map.warnings = file.warnings;
+  ENVCONV_TRY(map.recognition, recognize_input(input, file, hints));
+  map.warnings.insert(map.warnings.end(), map.recognition.warnings.begin(), map.recognition.warnings.end());
+  ENVCONV_TRY(map.image, to_environment(std::move(file), map.recognition));
+  return map;
+}
+
 }  // namespace envconv::tool

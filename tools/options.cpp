@@ -104,6 +104,17 @@ Option count_option(std::string names, std::string value, std::int64_t& target, 
   return option;
 }
 
+Option number_option(std::string names, std::string value, std::optional<double>& target, double least, double most,
+                     std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.set = [&target, least, most](const std::string& text) {
+    target = parse_number(text);
+    if (target && *target >= least && *target <= most) return std::string();
+    return "'" + text + "' is not a number from " + number_text(least, 9) + " to " + number_text(most, 9);
+  };
+  return option;
+}
+
 Option layout_option(std::string names, const Layout*& target, std::string help) {
   return registry_option<Layout>(std::move(names), "LAYOUT", "layout", target, layout_names(), find_layout,
                                  std::move(help));
@@ -118,20 +129,49 @@ Option frame_option(std::string names, const Frame*& target, std::string help) {
   return registry_option<Frame>(std::move(names), "FRAME", "frame", target, frame_names(), find_frame, std::move(help));
 }
 
+Option filter_option(const Filter*& target) {
+  Option option{.names = "--filter",
+                .value = "NAME",
+                .help = "how the input is weighted over each output texel; auto neither aliases nor blurs",
+                .choices = filter_names()};
+  option.set = [&target](const std::string& name) {
+    target = find_filter(name);
+    return target ? std::string() : "no filter is called '" + name + "'; there are: " + joined(filter_names());
+  };
+  return option;
+}
+
 Option in_group(Option option, std::string group, std::string initial) {
   option.group = std::move(group);
   option.initial = std::move(initial);
   return option;
 }
 
-void add_input_options(Command& command, InputOptions& target) {
-  const std::string group = "Input";
+namespace {
+
+constexpr const char* input_group = "Input";
+
+// "--from" + suffix and its kin; `whose` is "the input".
+void add_hint_options(Command& command, InputHints& target, const std::string& suffix, const std::string& whose) {
   auto add = [&](Option option, std::string initial) {
-    command.options.push_back(in_group(std::move(option), group, std::move(initial)));
+    command.options.push_back(in_group(std::move(option), input_group, std::move(initial)));
   };
-  add(layout_option("--from", target.hints.layout, "layout of the input"), "recognised");
-  add(packing_option("--from-packing", target.hints.packing, "how the input's faces lie in its image"), "recognised");
-  add(frame_option("--from-frame", target.hints.frame, "axes that the input was written for"), "recognised, or world");
+  add(layout_option("--from" + suffix, target.layout, "layout of " + whose), "recognised");
+  add(packing_option("--from-packing" + suffix, target.packing, "how the faces of " + whose + " lie in its image"),
+      "recognised");
+  add(frame_option("--from-frame" + suffix, target.frame, "axes that " + whose + " was written for"),
+      "recognised, or world");
+}
+
+}  // namespace
+
+void add_second_input_options(Command& command, InputHints& target) { add_hint_options(command, target, "-b", "B"); }
+
+void add_input_options(Command& command, InputOptions& target) {
+  add_hint_options(command, target.hints, "", "the input");
+  auto add = [&](Option option, std::string initial) {
+    command.options.push_back(in_group(std::move(option), input_group, std::move(initial)));
+  };
   add(count_option("--max-pixels", "N", target.read.max_pixels, std::int64_t{1} << 40,
                    "refuse inputs that claim more pixels"),
       "1073741824");
