@@ -16,6 +16,7 @@ set(tests
   analyze_test
   color_test
   diamond_facts_test
+  discrepancy_test
   draw_test
   io_test
   layout_facts_test
@@ -29,6 +30,7 @@ foreach(test IN LISTS tests)
   envconv_test(${test})
 endforeach()
 
+target_link_libraries(discrepancy_test PRIVATE TBB::tbb)  # chooses the number of threads
 # Chooses SIMD targets, so it talks to Highway itself.
 envconv_test(simd_test LIBRARIES hwy::hwy)
 
