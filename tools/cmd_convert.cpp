@@ -15,28 +15,6 @@ namespace {
 
 using nlohmann::ordered_json;
 
-Option rotate_option(Rotation& target) {
-  Option option{.names = "--rotate",
-                .value = "YAW,PITCH,ROLL",
-                .help =
-                    "turn the environment by so many degrees: about up (forward goes right), about right (up goes "
-                    "forward), about forward (right goes up); roll first, yaw last"};
-  option.set = [&target](const std::string& text) {
-    const std::size_t one = text.find(','), two = one == std::string::npos ? one : text.find(',', one + 1);
-    if (two != std::string::npos) {
-      const auto yaw = parse_number(std::string_view(text).substr(0, one));
-      const auto pitch = parse_number(std::string_view(text).substr(one + 1, two - one - 1));
-      const auto roll = parse_number(std::string_view(text).substr(two + 1));
-      if (yaw && pitch && roll) {
-        target = {*yaw, *pitch, *roll};
-        return std::string();
-      }
-    }
-    return "'" + text + "' is not three numbers with commas between them";
-  };
-  return option;
-}
-
 Option size_option(int& target) {
   Option option = integer_option("--size", "N", target, least_size, largest_size,
                                  "height of a face in texels (of a latlong: the image's height); auto: the smallest "
@@ -45,26 +23,6 @@ Option size_option(int& target) {
     if (text != "auto") return plain(text);
     target = 0;
     return std::string();
-  };
-  return option;
-}
-
-constexpr std::array<std::pair<std::string_view, PixelType>, 4> types{{{"half", PixelType::half},
-                                                                       {"float", PixelType::float32},
-                                                                       {"uint8", PixelType::uint8},
-                                                                       {"uint16", PixelType::uint16}}};
-
-Option type_option(WriteOptions& target) {
-  Option option{.names = "--type", .value = "TYPE", .help = "type of the stored values"};
-  for (const auto& [name, type] : types) option.choices.push_back(name);
-  option.set = [&target, choices = option.choices](const std::string& text) {
-    for (const auto& [name, type] : types) {
-      if (name != text) continue;
-      target.type = type;
-      target.type_given = true;
-      return std::string();
-    }
-    return "'" + text + "' is not one of " + joined(choices);
   };
   return option;
 }

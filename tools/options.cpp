@@ -39,6 +39,11 @@ Option registry_option(std::string names, std::string value, std::string_view ki
   return option;
 }
 
+constexpr std::array<std::pair<std::string_view, PixelType>, 4> types{{{"half", PixelType::half},
+                                                                       {"float", PixelType::float32},
+                                                                       {"uint8", PixelType::uint8},
+                                                                       {"uint16", PixelType::uint16}}};
+
 }  // namespace
 
 std::vector<std::string_view> layout_names() { return names_of(all_layouts()); }
@@ -137,6 +142,43 @@ Option filter_option(const Filter*& target) {
   option.set = [&target](const std::string& name) {
     target = find_filter(name);
     return target ? std::string() : "no filter is called '" + name + "'; there are: " + joined(filter_names());
+  };
+  return option;
+}
+
+Option rotate_option(Rotation& target) {
+  Option option{.names = "--rotate",
+                .value = "YAW,PITCH,ROLL",
+                .help =
+                    "turn the environment by so many degrees: about up (forward goes right), about right (up goes "
+                    "forward), about forward (right goes up); roll first, yaw last"};
+  option.set = [&target](const std::string& text) {
+    const std::size_t one = text.find(','), two = one == std::string::npos ? one : text.find(',', one + 1);
+    if (two != std::string::npos) {
+      const auto yaw = parse_number(std::string_view(text).substr(0, one));
+      const auto pitch = parse_number(std::string_view(text).substr(one + 1, two - one - 1));
+      const auto roll = parse_number(std::string_view(text).substr(two + 1));
+      if (yaw && pitch && roll) {
+        target = {*yaw, *pitch, *roll};
+        return std::string();
+      }
+    }
+    return "'" + text + "' is not three numbers with commas between them";
+  };
+  return option;
+}
+
+Option type_option(WriteOptions& target) {
+  Option option{.names = "--type", .value = "TYPE", .help = "type of the stored values"};
+  for (const auto& [name, type] : types) option.choices.push_back(name);
+  option.set = [&target, choices = option.choices](const std::string& text) {
+    for (const auto& [name, type] : types) {
+      if (name != text) continue;
+      target.type = type;
+      target.type_given = true;
+      return std::string();
+    }
+    return "'" + text + "' is not one of " + joined(choices);
   };
   return option;
 }

@@ -35,6 +35,10 @@ Option packing_option(std::string names, const Packing*& target, std::string hel
 Option frame_option(std::string names, const Frame*& target, std::string help);
 /// --filter.
 Option filter_option(const Filter*& target);
+/// --rotate YAW,PITCH,ROLL
+Option rotate_option(Rotation& target);
+/// --type TYPE: sets `type` and `type_given`.
+Option type_option(WriteOptions& target);
 /// The same option under a heading, and with a default to show.
 Option in_group(Option option, std::string group, std::string initial = "");
 
