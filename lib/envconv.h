@@ -26,6 +26,7 @@
 #include "io.h"             // files
 #include "layout.h"         // faces, direction, locate
 #include "packing.h"        // faces in one image
+#include "pattern.h"        // test cards
 #include "recognize.h"      // files to environments
 #include "resample.h"       // from one environment to another
 #include "result.h"         // errors as values

@@ -23,6 +23,7 @@ set(tests
   layout_laws_test
   metrics_test
   packing_test
+  pattern_test
   recognize_test
   resample_test
   tiny_test)
@@ -30,7 +31,9 @@ foreach(test IN LISTS tests)
   envconv_test(${test})
 endforeach()
 
-target_link_libraries(discrepancy_test PRIVATE TBB::tbb)  # chooses the number of threads
+foreach(test IN ITEMS discrepancy_test pattern_test)
+  target_link_libraries(${test} PRIVATE TBB::tbb)  # chooses the number of threads
+endforeach()
 # Chooses SIMD targets, so it talks to Highway itself.
 envconv_test(simd_test LIBRARIES hwy::hwy)
 

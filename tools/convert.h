@@ -63,6 +63,9 @@ struct ConvertPlan {
 /// Makes the plan and checks all of it.
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs);
 
+/// The plan of one output that has no input: `name` is its stem, and stands for it in messages.
+Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name);
+
 /// What an input is and what it will become; all that a header tells.
 struct Shape {
   Recognition source;
@@ -86,6 +89,15 @@ struct Outcome {
   std::string color;  ///< colour space of the output, or ""
   std::vector<std::string> warnings;
 };
+
+/// How the outputs are written: with metadata that record `rotation`, and without --type as the format's nearest to
+/// `source_type`.
+WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
+                           int channels);
+/// Packs an environment and writes it as planned.  Sets the outcome's type, and adds to its warnings.
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, EnvImage image,
+                       Outcome& outcome);
+
 /// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work
 /// proper starts.
 Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,

@@ -167,6 +167,19 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
   return plan;
 }
 
+Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name) {
+  ENVCONV_CHECK(fill_in(options));
+  ENVCONV_TRY(const OutputName output, parse_output(options, 1));
+  ConvertPlan plan;
+  plan.options = std::move(options);
+  Job job;
+  job.input.name = name;
+  ENVCONV_CHECK(name_outputs(plan, output, 0, job));
+  plan.jobs.push_back(std::move(job));
+  ENVCONV_CHECK(check_outputs(plan));
+  return plan;
+}
+
 Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file) {
   const ConvertOptions& o = plan.options;
   Shape shape;

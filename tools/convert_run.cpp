@@ -141,7 +141,8 @@ PixelType nearest_type(const std::string& path, PixelType source, WriteOptions w
   return source;
 }
 
-// How the outputs are written; their type is settled.
+}  // namespace
+
 WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
                            int channels) {
   WriteOptions write = o.write;
@@ -178,6 +179,8 @@ Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptio
   warn_of(total, job.paths.front(), outcome.warnings);
   return Ok{};
 }
+
+namespace {
 
 Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
                         const std::function<bool(double)>& progress) {

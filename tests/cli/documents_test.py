@@ -35,7 +35,7 @@ class Documents(Case):
 
     def test_every_option_is_in_the_manual_with_help(self):
         page = (SOURCE / "man/envconv.1").read_text().replace("\\-", "-")
-        for verb in ("convert", "info", "layouts", "compare", "roundtrip"):
+        for verb in ("convert", "info", "layouts", "compare", "roundtrip", "analyze", "pattern"):
             out = self.run_tool(verb, "--help").out
             for option in re.findall(r"^  (?:-\w, )?(--[a-z-]+)", out, re.M):
                 self.assertIn(option, page)
@@ -52,7 +52,7 @@ class Documents(Case):
             shutil.copy(PANORAMAS / "venice.hdr", self.path(folder))
         shutil.copy(PANORAMAS / "venice.hdr", self.folder)
         text = (SOURCE / "README.md").read_text()
-        commands = re.findall(r"^    (?:tools/run\.sh|envconv) ((?:convert|info|layouts|compare|roundtrip) .*)$", text, re.M)
+        commands = re.findall(r"^    (?:tools/run\.sh|envconv) ((?:convert|info|layouts|compare|roundtrip|analyze|pattern) .*)$", text, re.M)
         self.assertGreater(len(commands), 5)
         for command in commands:
             done = subprocess.run(["bash", "-c", f"'{BINARY}' {command}"], cwd=self.folder, capture_output=True, text=True)
