@@ -73,7 +73,7 @@ ErrorProfile profile_of(const ProfileSums& sums) {
 class RowErrors {
  public:
   RowErrors(const MapPair& pair, const MapReader& a, const MapReader& b)
-      : pair_(pair), a_(a), b_(b), at_a_(pair.channel_count() * most_samples), at_b_(at_a_.size()) {}
+      : pair_(pair), a_(a), b_(b), at_a_(pair.channel_count() * PointBatch::most), at_b_(at_a_.size()) {}
 
   // Adds the errors at one point of each of n texels: u is that of the first, `step` apart.
   void add(const Layout& layout, const float* world_from_layout, int face, int n, double u, double step, double v,
@@ -100,7 +100,7 @@ class RowErrors {
   const MapReader &a_, &b_;
   std::vector<float> at_a_, at_b_;
   PointBatch points_;
-  alignas(64) float us_[most_samples], vs_[most_samples];
+  alignas(64) float us_[PointBatch::most], vs_[PointBatch::most];
 };
 
 // Points along each side of an output texel, so that they lie as densely as the finer map's texels.
@@ -116,8 +116,8 @@ void fill_row(EnvImage& out, int face_index, int y, int k, RowErrors& errors) {
   float world_from_layout[9];
   for (std::size_t i = 0; i < 9; ++i) world_from_layout[i] = static_cast<float>(matrix.m[i]);
   const double step = texel_extent(face.width(), out.placement);
-  for (int x0 = 0; x0 < face.width(); x0 += most_samples) {
-    const int n = std::min(most_samples, face.width() - x0);
+  for (int x0 = 0; x0 < face.width(); x0 += PointBatch::most) {
+    const int n = std::min(PointBatch::most, face.width() - x0);
     std::vector<double> sums(static_cast<std::size_t>(n), 0.0);
     for (int j = 0; j < k; ++j)
       for (int i = 0; i < k; ++i) {
@@ -147,12 +147,12 @@ Result<ErrorProfile> error_profile(const EnvImage& a, const EnvImage& b, int thr
     tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
       const std::size_t channels = pair.channel_count();
       const auto points = std::make_unique<PointBatch>();
-      std::vector<float> at_a(channels * most_samples), at_b(at_a.size());
+      std::vector<float> at_a(channels * PointBatch::most), at_b(at_a.size());
       for (std::size_t s = part * chunk; s < std::min(squares.size(), (part + 1) * chunk); ++s) {
         lay_points(squares[s], *points);
         reader_a.read(*points, at_a.data());
         reader_b.read(*points, at_b.data());
-        for (std::size_t i = 0; i < most_samples; ++i) {
+        for (std::size_t i = 0; i < PointBatch::most; ++i) {
           const double error = pair.color_error(&at_a[i * channels], &at_b[i * channels]);
           if (!std::isnan(error)) parts[part].add(error, static_cast<double>(points->y[i]));
         }

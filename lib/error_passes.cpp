@@ -55,7 +55,7 @@ Location centre(const EnvImage& image, int face, int x, int y) {
 // Directions, in the world frame, of the texels of row y from x0; and whether the layout owns their centres.
 void lay_texels(const EnvImage& image, const Mat3& world_from_layout, int face, int y, int x0, int n,
                 PointBatch& points, bool* owned) {
-  alignas(64) float u[most_samples] = {}, v[most_samples] = {};
+  alignas(64) float u[PointBatch::most] = {}, v[PointBatch::most] = {};
   for (int i = 0; i < n; ++i) {
     const Location at = centre(image, face, x0 + i, y);
     u[i] = static_cast<float>(at.u), v[i] = static_cast<float>(at.v);
@@ -85,7 +85,7 @@ SquareSums sum_square(const PointSquare& square, const MapPair& pair, const MapR
   const std::size_t channels = pair.channel_count();
   const auto points = std::make_unique<PointBatch>();
   lay_points(square, *points);
-  std::vector<float> at_a(channels * most_samples), at_b(at_a.size());
+  std::vector<float> at_a(channels * PointBatch::most), at_b(at_a.size());
   a.read(*points, at_a.data());
   b.read(*points, at_b.data());
   const double weight = 1 / (12.0 * square.grid * square.grid);
@@ -164,11 +164,11 @@ ErrorSums sums_on_grid_of(const EnvImage& own, const MapReader& other, bool swap
         swapped ? std::vector<double>(static_cast<std::size_t>(band.rows) * static_cast<std::size_t>(face.width()), 1.0)
                 : solid_angles(own, band);
     const auto points = std::make_unique<PointBatch>();
-    std::vector<float> values(channels * most_samples);
-    bool owned[most_samples];
+    std::vector<float> values(channels * PointBatch::most);
+    bool owned[PointBatch::most];
     for (int y = 0; y < band.rows; ++y)
-      for (int x0 = 0; x0 < face.width(); x0 += most_samples) {
-        const int n = std::min(most_samples, face.width() - x0);
+      for (int x0 = 0; x0 < face.width(); x0 += PointBatch::most) {
+        const int n = std::min(PointBatch::most, face.width() - x0);
         lay_texels(own, world_from_layout, band.face, band.y0 + y, x0, n, *points, owned);
         other.read(*points, values.data());
         const double* w =
@@ -219,7 +219,7 @@ ErrorSums sums_on_sphere(const MapPair& pair, const MapReader& a, const MapReade
 
 ErrorSums sums_at_s_psnr_points(const MapPair& pair) {
   const std::vector<Vec3>& all = s_psnr_points();
-  constexpr std::size_t chunk = most_samples;
+  constexpr std::size_t chunk = PointBatch::most;
   std::vector<ErrorSums> parts((all.size() + chunk - 1) / chunk, ErrorSums(pair.channel_count()));
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
     const auto points = std::make_unique<PointBatch>();
@@ -229,7 +229,7 @@ ErrorSums sums_at_s_psnr_points(const MapPair& pair) {
       points->z[points->count] = static_cast<float>(all[i].z);
       ++points->count;
     }
-    TexelPlace in_a[most_samples], in_b[most_samples];
+    TexelPlace in_a[PointBatch::most], in_b[PointBatch::most];
     nearest_texels(*pair.a, *points, in_a);
     if (!pair.same_grid) nearest_texels(*pair.b, *points, in_b);
     for (int i = 0; i < points->count; ++i)

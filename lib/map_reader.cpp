@@ -8,7 +8,7 @@
 namespace envconv {
 namespace {
 
-static_assert(PointSquare::side * PointSquare::side == most_samples);
+static_assert(PointSquare::side * PointSquare::side == PointBatch::most);
 
 void to_floats(const Mat3& m, float* out) {
   for (std::size_t i = 0; i < 9; ++i) out[i] = static_cast<float>(m.m[i]);
@@ -16,13 +16,15 @@ void to_floats(const Mat3& m, float* out) {
 
 std::size_t padded(int n) { return (static_cast<std::size_t>(n) + batch_padding - 1) / batch_padding * batch_padding; }
 
+constexpr int run = 64;  // points that are summed at a time
+
 struct ReadBuffers {
-  ReadScratch scratch;
+  Windows windows;
   PointBatch local;  // in the layout's axes
-  alignas(64) float face[most_samples + batch_padding], u[most_samples + batch_padding],
-      v[most_samples + batch_padding];
-  alignas(64) float ones[row_texels + batch_padding];
-  alignas(64) float accumulator[row_texels * 16];
+  alignas(64) float face[PointBatch::most + batch_padding], u[PointBatch::most + batch_padding],
+      v[PointBatch::most + batch_padding];
+  alignas(64) float ones[run + batch_padding];
+  alignas(64) float sums[run * 16];
   ReadBuffers() { std::ranges::fill(ones, 1.0f); }
 };
 
@@ -52,21 +54,20 @@ ReadBuffers& located(const Layout& layout, const float layout_from_world[9], con
 MapReader::MapReader(const EnvImage& image) : layout_(image.layout), channels_(image.channels.count()) {
   to_floats(layout_from_world(image), layout_from_world_);
   for (int first = 0; first < channels_; first += 4) groups_.emplace_back(image, first, *find_filter("bilinear"));
-  for (const Source& group : groups_) views_.push_back(group.view());
 }
 
 void MapReader::read(const PointBatch& points, float* out) const {
   ReadBuffers& b = located(*layout_, layout_from_world_, points);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const int channels = std::min(4, channels_ - 4 * static_cast<int>(g));
-    for (int first = 0; first < points.count; first += row_texels) {
-      const int texels = std::min(row_texels, points.count - first);
-      std::fill_n(b.accumulator, 16 * texels, 0.0f);
-      read_samples(views_[g], Kernel::bilinear, texels, texels, b.face + first, b.u + first, b.v + first, b.ones,
-                   b.scratch, b.accumulator);
-      float values[row_texels * 4];
-      reduce_accumulators(texels, b.accumulator, values);
-      for (int i = 0; i < texels; ++i)
+    for (int first = 0; first < points.count; first += run) {
+      const int n = std::min(run, points.count - first);
+      make_windows(groups_[g].maps(), Kernel::bilinear, n, b.face + first, b.u + first, b.v + first, b.ones, b.windows);
+      groups_[g].point(Kernel::bilinear, n, b.face + first, b.windows);
+      sum_windows(Kernel::bilinear, groups_[g].channels(), n, b.windows, n, b.sums);
+      float values[run * 4];
+      reduce_sums(groups_[g].channels(), n, b.sums, values);
+      for (int i = 0; i < n; ++i)
         std::copy_n(values + 4 * i, channels,
                     out + static_cast<std::size_t>(first + i) * static_cast<std::size_t>(channels_) + 4 * g);
     }
@@ -79,15 +80,15 @@ void lay_points(const PointSquare& square, PointBatch& points) {
   static const Layout* healpix = find_layout("healpix");
   float matrix[9];
   to_floats(turn, matrix);
-  alignas(64) float u[most_samples], v[most_samples];
+  alignas(64) float u[PointBatch::most], v[PointBatch::most];
   for (int j = 0, n = 0; j < PointSquare::side; ++j)
     for (int i = 0; i < PointSquare::side; ++i, ++n) {
       u[n] = static_cast<float>((square.x + i + 0.5) / square.grid);
       v[n] = static_cast<float>((square.y + j + 0.5) / square.grid);
     }
-  points.count = most_samples;
-  healpix->directions(square.face, most_samples, u, v, points.x, points.y, points.z);
-  rotate_directions(matrix, most_samples, points.x, points.y, points.z);
+  points.count = PointBatch::most;
+  healpix->directions(square.face, PointBatch::most, u, v, points.x, points.y, points.z);
+  rotate_directions(matrix, PointBatch::most, points.x, points.y, points.z);
 }
 
 std::vector<PointSquare> point_squares(int grid) {

@@ -12,16 +12,18 @@
 
 namespace envconv {
 
-/// Directions in the world frame; room for as many as one call of read_samples() takes.
+/// Directions in the world frame.
 struct PointBatch {
+  static constexpr int most = 1024;
+  static_assert(most <= most_samples);
   int count = 0;
-  alignas(64) float x[most_samples + batch_padding], y[most_samples + batch_padding], z[most_samples + batch_padding];
+  alignas(64) float x[most + batch_padding], y[most + batch_padding], z[most + batch_padding];
 };
 
 /// An environment that is read bilinearly at any direction.  Immutable, for many threads.
 class MapReader {
  public:
-  /// `image` may be destroyed afterwards.
+  /// `image` must outlive the reader.
   explicit MapReader(const EnvImage& image);
 
   int channels() const { return channels_; }
@@ -33,13 +35,12 @@ class MapReader {
   int channels_;
   float layout_from_world_[9];
   std::vector<Source> groups_;  // four channels each
-  std::vector<SourceView> views_;
 };
 
 /// A square of side x side points of equal area, of the grid of 12 * grid^2 of them that a HEALPix map of that height
 /// has, turned by a fixed rotation that no layout's symmetry knows.  Face in [0,12), x and y of the first point.
 struct PointSquare {
-  static constexpr int side = 32;  // side^2 = most_samples
+  static constexpr int side = 32;  // side^2 = PointBatch::most
   int face = 0, grid = 0, x = 0, y = 0;
 };
 void lay_points(const PointSquare& square, PointBatch& points);

@@ -17,7 +17,7 @@ namespace {
 constexpr double fine_pitch = 0.01;
 constexpr int coarse_grid = 32, fine_grid = 64;
 constexpr int reach = 5, side = 2 * reach + 1, window_points = side * side;
-constexpr int windows_per_batch = most_samples / window_points;
+constexpr int windows_per_batch = PointBatch::most / window_points;
 constexpr double sigma = 1.5;  // steps
 
 // Weights of a window's points, which add up to 1.
@@ -104,14 +104,15 @@ void add_windows(const MapReader& a, const MapReader& b, const PointBatch& centr
 
 std::vector<double> ssim_on_sphere(const MapReader& a, const MapReader& b, double pitch, double range) {
   const std::vector<PointSquare> squares = point_squares(pitch < fine_pitch ? fine_grid : coarse_grid);
-  constexpr int batches = (most_samples + windows_per_batch - 1) / windows_per_batch;  // of a square's centres
+  constexpr int batches = (PointBatch::most + windows_per_batch - 1) / windows_per_batch;  // of a square's centres
   std::vector<WindowSums> parts(squares.size() * batches);
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
     const auto centres = std::make_unique<PointBatch>();
     lay_points(squares[part / batches], *centres);
     const int first = static_cast<int>(part % batches) * windows_per_batch;
     parts[part].similarity.assign(static_cast<std::size_t>(a.channels()), 0.0);
-    add_windows(a, b, *centres, first, std::min(windows_per_batch, most_samples - first), pitch, range, parts[part]);
+    add_windows(a, b, *centres, first, std::min(windows_per_batch, PointBatch::most - first), pitch, range,
+                parts[part]);
   });
   std::vector<double> mean(static_cast<std::size_t>(a.channels()), 0.0);
   std::int64_t windows = 0;
