@@ -40,6 +40,12 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
+
+# Its own search runs on every SIMD target; the image library and Mesa decode what it encodes.
+find_library(EGL EGL REQUIRED)
+envconv_test(bc6h_test LIBRARIES hwy::hwy)
+envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
+
 include(tests/cli.cmake)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
@@ -56,3 +62,6 @@ if(OpenCV_FOUND)
   add_executable(peers_bench EXCLUDE_FROM_ALL tests/bench/peers_bench.cpp)
   target_link_libraries(peers_bench PRIVATE libenvconv opencv_core opencv_imgproc)
 endif()
+# The same for BC6H (ninja bc6h_bench).
+add_executable(bc6h_bench EXCLUDE_FROM_ALL tests/bench/bc6h_bench.cpp)
+target_link_libraries(bc6h_bench PRIVATE libenvconv)
