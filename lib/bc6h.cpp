@@ -45,7 +45,7 @@ Settings settings_of(Bc6hEffort effort) {
     case Bc6hEffort::best:
       return {.partitions = 32, .survivors = 8, .spans = 6, .modes = 3, .refinements = 3, .polish = 4, .reach = 4};
   }
-  return {.partitions = 16, .survivors = 2, .spans = 6, .modes = 1, .refinements = 1, .polish = 2, .reach = 1};
+  return {.partitions = 12, .survivors = 2, .spans = 6, .modes = 1, .refinements = 1, .polish = 1, .reach = 2};
 }
 
 // Block (column, row) of the image, its last column and row going on where the image ends.
