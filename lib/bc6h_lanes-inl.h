@@ -79,9 +79,11 @@ HWY_INLINE Lane round(Lane a) { return hn::Round(a.v); }  // halves to even
 HWY_INLINE Lane clamp(Lane x, Lane low, Lane high) { return min(max(x, low), high); }
 HWY_INLINE Lane where(LaneMask m, Lane x) { return hn::IfThenElseZero(m.m, x.v); }
 
-// The half bit pattern, as a number, that is nearest to a radiance in 0 to 65504.
-HWY_INLINE Lane half_code(Lane radiance) {
-  const Lane x = min(where(radiance > 0.0, radiance), 65504.0);
+// What unsigned halves can hold.
+HWY_INLINE Lane within_halves(Lane radiance) { return min(where(radiance > 0.0, radiance), 65504.0); }
+
+// The half bit pattern, as a number, that is nearest to x in 0 to 65504.
+HWY_INLINE Lane half_code(Lane x) {
   const Ints bits = bits_of(x);
   const Ints odd = hn::And(hn::ShiftRight<13>(bits), ints(1));
   const Ints rounded = hn::ShiftRight<13>(hn::Add(bits, hn::Add(odd, ints(0xFFF))));
@@ -89,11 +91,13 @@ HWY_INLINE Lane half_code(Lane radiance) {
 }
 
 // --- the metric
-// ------------------------------------------------------------------------------------------------------- Errors are
-// squared differences of log2(x + 1/1024), x the radiance of a channel.  Equal ratios of radiance look equally
-// different, which the half bit patterns that BC6H interpolates between follow on their own, but for two things: they
-// are straight within an octave, and they spend 14 of their 30 octaves below 1/1024, where nothing is seen beside what
-// is brighter.  Without the second, black corners of a block would spoil the rest of it (2 dB in interiors).
+
+// Errors are squared differences of log2(x + 1/1024), x the radiance of a channel.  Equal ratios of radiance look
+// equally different, which the half bit patterns that BC6H interpolates between follow on their own, but for two
+// things: they are straight within an octave, and they spend 14 of their 30 octaves below 1/1024, where nothing is seen
+// beside what is brighter.  Without the second, black corners of a block would spoil the rest of it (2 dB in
+// interiors). Texels of more than twice their block's mean count as many times more: a sun among black texels is what
+// lights the scene, and to the logarithm it is no more than they are.
 struct Level {
   Lane value;  // log2(x + 1/1024), within 0.01
   Lane slope;  // its derivative in the space of interpolation (64/31 of half bit patterns)
@@ -120,26 +124,37 @@ constexpr double brightest = 31743;  // 65504
 struct Target {
   Lane level[16][3];
   Lane u[16][3];       // in the space of interpolation, relative to base
-  Lane weight[16][3];  // squared slope of the level there
+  Lane emphasis[16];   // of the texel's error
+  Lane weight[16][3];  // emphasis, times the squared slope of the level at u
   Lane base[3];
 };
 
 HWY_INLINE void load(const Texels& texels, int first, Target& t) {
-  for (int k = 0; k < 16; ++k)
+  Lane brightness[16], mean = 0.0;
+  for (int k = 0; k < 16; ++k) {
+    brightness[k] = 0.0;
     for (int c = 0; c < 3; ++c) {
-      const Lane code = half_code(hn::Load(LaneTag(), texels.radiance[k][c] + first));
+      const Lane x = within_halves(hn::Load(LaneTag(), texels.radiance[k][c] + first)), code = half_code(x);
       const Lane u = (code + 0.5) * (64.0 / 31);  // the middle of what decodes to the code
       if (k == 0) t.base[c] = u;
-      const Lane slope = level_and_slope(max(code, darkest)).slope;
-      t.level[k][c] = level_of(code);
       t.u[k][c] = u - t.base[c];
+      t.level[k][c] = level_of(code);
+      const Lane slope = level_and_slope(max(code, darkest)).slope;
       t.weight[k][c] = slope * slope;
+      brightness[k] = brightness[k] + x;
     }
+    mean = mean + brightness[k] * (1.0 / 16);
+  }
+  const Lane half_inverse = 0.5 / max(mean, 1e-30);
+  for (int k = 0; k < 16; ++k) {
+    t.emphasis[k] = max(brightness[k] * half_inverse, 1.0);
+    for (int c = 0; c < 3; ++c) t.weight[k][c] = t.weight[k][c] * t.emphasis[k];
+  }
 }
 
 // --- formats and candidates
-// ------------------------------------------------------------------------------------------- A mode a lane: how its
-// end points are rounded, and how far they may be from the first one.
+
+// A mode a lane: how its end points are rounded, and how far they may be from the first one.
 struct Format {
   Lane mode, step, inverse, offset, top, low[3], high[3];
 };
@@ -230,7 +245,7 @@ HWY_INLINE Lane forbid_at_anchor(const Regions& r, int texel, Lane error) {
 
 // Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
 template <int regions>
-HWY_INLINE void evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
+HWY_NOINLINE void evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
   constexpr int count = regions == 1 ? 16 : 8;
   Lane palette[2][count][3];
   for (int g = 0; g < regions; ++g)
@@ -255,14 +270,14 @@ HWY_INLINE void evaluate(const Target& t, const Regions& r, const Format& f, Can
       least = min(error, least);
     }
     a.index[k] = index;
-    a.error = a.error + least;
+    a.error = a.error + least * t.emphasis[k];
   }
 }
 
 // --- end points for given indices
-// ------------------------------------------------------------------------------------- Where a region's end points
-// should be in one channel: the error is aa (x - a)^2 + 2 ab (x - a) (y - b) + bb (y - b)^2 and something, for end
-// points x and y.
+
+// Where a region's end points should be in one channel: for end points x and y the error is
+// aa (x - a)^2 + 2 ab (x - a) (y - b) + bb (y - b)^2 and something that does not depend on them.
 struct Fit {
   Lane aa, ab, bb, a, b;
 };
@@ -291,8 +306,8 @@ HWY_INLINE Fit solve(const Moments& m, Lane base) {
 // Least squares.  With a candidate in its format, the metric's tangents at what it decodes to are used (a Gauss-Newton
 // step); without, those at the texels.
 template <int regions, bool tangent>
-HWY_INLINE void least_squares(const Target& t, const Regions& r, const Format* f, const Candidate* now,
-                              const Lane index[16], Fit fit[regions][3]) {
+HWY_NOINLINE void least_squares(const Target& t, const Regions& r, const Format* f, const Candidate* now,
+                                const Lane index[16], Fit fit[regions][3]) {
   const Moments none{0.0, 0.0, 0.0, 0.0, 0.0};
   Moments all[3] = {none, none, none}, second[3] = {none, none, none};
   Lane start[2][3], length[2][3];
@@ -311,8 +326,9 @@ HWY_INLINE void least_squares(const Target& t, const Regions& r, const Format* f
                        by_region<regions>(r, k, length[0][c], length[regions - 1][c]) * w;
         const Lane code = clamp(u * (31.0 / 64), darkest, brightest);
         const Level level = level_and_slope(code);
-        s = level.slope * level.slope;
-        su = s * (code * (64.0 / 31) - t.base[c]) - level.slope * (level.value - t.level[k][c]);
+        const Lane pull = t.emphasis[k] * level.slope;
+        s = pull * level.slope;
+        su = s * (code * (64.0 / 31) - t.base[c]) - pull * (level.value - t.level[k][c]);
       }
       const Lane sw = s * w, sww = sw * w, swu = su * w;
       const auto add = [&](Moments& m) HWY_ATTR { m = {m.s + s, m.sw + sw, m.sww + sww, m.su + su, m.swu + swu}; };

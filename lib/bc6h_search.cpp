@@ -36,8 +36,8 @@ struct Least {
 };
 
 // --- lines through texels, in the metric's space
-// ---------------------------------------------------------------------- Sums over a set of texels of 1, of the levels
-// (relative to the block's mean) and of their products.
+
+// Sums over a set of texels of 1, of the levels (relative to the block's mean) and of their products.
 struct Spread {
   Lane n, x[3], xx[6];  // xx: 00 01 02 11 12 22
 };
@@ -108,7 +108,7 @@ HWY_INLINE Axis principal_axis(const Spread& s) {
 }
 
 // --- the search
-// -------------------------------------------------------------------------------------------------------
+
 struct Search {
   Target target;
   Lines lines;
