@@ -62,6 +62,7 @@ if(OpenCV_FOUND)
   add_executable(peers_bench EXCLUDE_FROM_ALL tests/bench/peers_bench.cpp)
   target_link_libraries(peers_bench PRIVATE libenvconv opencv_core opencv_imgproc)
 endif()
+
 # The same for BC6H (ninja bc6h_bench).
 add_executable(bc6h_bench EXCLUDE_FROM_ALL tests/bench/bc6h_bench.cpp)
 target_link_libraries(bc6h_bench PRIVATE libenvconv)
