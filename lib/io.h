@@ -104,6 +104,10 @@ struct WriteReport {
   std::vector<std::string> warnings;
 };
 
+/// True when the path's extension is that of a file which keeps faces of one size apart by itself, as the faces of a cube
+/// or the layers of an array: dds, ktx, ktx2.
+bool holds_faces(const std::string& path);
+
 /// True when the path's extension names a format that can be written, with so many pictures (EXR parts; faces or layers
 /// of DDS and KTX) and MIP levels: the reason otherwise.
 Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels = 1);

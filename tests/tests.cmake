@@ -15,6 +15,7 @@ endfunction()
 set(tests
   analyze_test
   color_test
+  container_test
   diamond_facts_test
   discrepancy_test
   draw_test
@@ -26,6 +27,7 @@ set(tests
   pattern_test
   recognize_test
   resample_test
+  texel_format_test
   tiny_test)
 foreach(test IN LISTS tests)
   envconv_test(${test})
@@ -47,6 +49,7 @@ envconv_test(bc6h_test LIBRARIES hwy::hwy)
 envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
 
 include(tests/cli.cmake)
+add_dependencies(container_test envconv_imageio)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
   target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not

@@ -1,0 +1,751 @@
+// SPDX-License-Identifier: Apache-2.0
+// DDS, KTX and KTX2: what is written is what is read, at every level; bytes are those of the specifications; damage is
+// an error and never a death.  What the texels mean is container_oracle_test.py's matter.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <random>
+
+#include "imageio_loader.h"
+#include "io.h"
+#include "ktx2_descriptor.h"
+#include "texture_file.h"
+
+namespace envconv {
+namespace {
+
+namespace fs = std::filesystem;
+using enum PixelType;
+
+using Levels = std::vector<std::vector<Picture>>;
+
+constexpr PixelType kTypes[] = {half, float32, uint8, r11g11b10f, rgb9e5, bc6h};
+
+class Container : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    ::setenv("ENVCONV_MODULE_PATH", ENVCONV_BUILD, 0);
+    start_isolated_reader();
+  }
+  void SetUp() override {
+    std::string pattern = (fs::temp_directory_path() / "envconv-container-XXXXXX").string();
+    ASSERT_NE(::mkdtemp(pattern.data()), nullptr);
+    folder_ = pattern;
+  }
+  void TearDown() override {
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  std::string bytes_of(const std::string& file) const {
+    std::ifstream in(path(file), std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+  void put(const std::string& file, const std::string& bytes) const {
+    fs::remove(path(file));  // a file that is overwritten goes to the disk at once, which takes its time
+    std::ofstream(path(file), std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  }
+  WriteReport write(const std::string& file, const Levels& levels, WriteOptions options) {
+    options.type_given = true;
+    options.verify = true;
+    const auto report = write_levels(path(file), levels, options);
+    EXPECT_TRUE(report) << report.error().message;
+    return report ? *report : WriteReport{};
+  }
+  // In this process, so that a sanitizer sees it.
+  Result<PictureFile> read(const std::string& file, int level = 0, std::int64_t max_pixels = 1 << 30) const {
+    ReadOptions options;
+    options.trust_input = true;
+    options.level = level;
+    options.max_pixels = max_pixels;
+    return read_pictures(path(file), options);
+  }
+  // Both ways of reading refuse it in the same words.
+  void expect_refused(const std::string& bytes, const std::string& what, const std::string& file) {
+    put(file, bytes);
+    for (const bool trust : {true, false}) {
+      ReadOptions options;
+      options.trust_input = trust;
+      options.max_pixels = 1 << 20;
+      const auto result = read_pictures(path(file), options);
+      ASSERT_FALSE(result) << file << ": read, where \"" << what << "\" was expected";
+      EXPECT_TRUE(result.error().code == ErrorCode::input || result.error().code == ErrorCode::limit);
+      EXPECT_NE(result.error().message.find(what), std::string::npos) << result.error().message;
+    }
+  }
+
+  fs::path folder_;
+};
+
+// Values that tell picture, level and place; above 1 where the type has room.
+Picture make(int width, int height, int channels, int picture, int level) {
+  Picture p;
+  p.channels = Channels::standard(channels);
+  p.image = Image(width, height, channels);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      float* to = p.image.at(x, y);
+      const float a = channels % 2 == 0 ? 0.25f + 0.5f * static_cast<float>(x + 1) / static_cast<float>(width) : 1.f;
+      for (int c = 0; c < channels; ++c) {
+        const float v = 0.02f + 0.04f * static_cast<float>(picture % 16) + 0.03f * static_cast<float>(c) +
+                        0.05f * static_cast<float>(level) + 0.1f * static_cast<float>(x) / static_cast<float>(width) +
+                        0.07f * static_cast<float>(y) / static_cast<float>(height);
+        to[c] = c == p.channels.alpha ? a : v * a;
+      }
+    }
+  }
+  return p;
+}
+
+Levels make_levels(int width, int height, int channels, int pictures, int levels) {
+  Levels all;
+  for (int level = 0; level < levels; ++level) {
+    std::vector<Picture>& here = all.emplace_back();
+    const Size size = level_size({width, height}, level);
+    for (int i = 0; i < pictures; ++i) here.push_back(make(size.width, size.height, channels, i, level));
+  }
+  return all;
+}
+
+// Half a step of the type where values lie below 2; of integers on the curve, of colour that was divided by alpha.
+double tolerance(PixelType type, double v, int channel, double peak) {
+  switch (type) {
+    case half: return v * std::exp2(-11);
+    case float32: return 0;
+    case uint8: return 0.016;
+    case r11g11b10f: return v * std::exp2(channel == 2 ? -6 : -7);
+    case rgb9e5: return peak * std::exp2(-9);
+    default: return 0.02;
+  }
+}
+
+void expect_same(const Picture& written, const Picture& read, PixelType type) {
+  ASSERT_EQ(read.image.width(), written.image.width());
+  ASSERT_EQ(read.image.height(), written.image.height());
+  EXPECT_EQ(read.type, type);
+  const int channels = written.image.channels(), more = read.image.channels() - channels;
+  ASSERT_EQ(more, channels <= 2 ? 2 : 0);
+  for (int y = 0; y < written.image.height(); ++y) {
+    for (int x = 0; x < written.image.width(); ++x) {
+      const float *a = written.image.at(x, y), *b = read.image.at(x, y);
+      double peak = 0;
+      for (int c = 0; c < channels; ++c) peak = std::fmax(peak, static_cast<double>(a[c]));
+      for (int c = 0; c < channels; ++c) {
+        const double v = a[c];
+        ASSERT_NEAR(b[c > 0 ? c + more : 0], v, tolerance(type, v, c, peak) + 1e-9)
+            << x << "," << y << " channel " << c;
+      }
+    }
+  }
+}
+
+struct Kind {
+  const char* name;
+  int width, height, pictures;
+  bool cube;
+};
+// Sizes that are no powers of two, and no multiples of a block.
+constexpr Kind kKinds[] = {{"cube", 12, 12, 6, true},       {"picture", 22, 10, 1, false},
+                           {"two layers", 15, 5, 2, false}, {"many layers", 7, 7, 30, false},
+                           {"a texel", 1, 1, 1, false},     {"six layers", 4, 4, 6, false}};
+
+TEST_F(Container, EveryTypeOfEveryKindAtEveryLevel) {
+  for (const char* extension : {"dds", "ktx2", "ktx"}) {
+    for (const PixelType type : kTypes) {
+      for (const Kind& kind : kKinds) {
+        for (const int channels : {1, 2, 3, 4}) {
+          const bool alpha = type == half || type == float32 || type == uint8;
+          if ((!alpha && channels % 2 == 0) || (type != half && channels < 3)) continue;
+          SCOPED_TRACE(std::string(extension) + " " + std::string(name_of(type)) + " " + kind.name + " " +
+                       std::to_string(channels));
+          const int count = full_chain(kind.width, kind.height);
+          const Levels levels = make_levels(kind.width, kind.height, channels, kind.pictures, count);
+          WriteOptions options;
+          options.type = type;
+          options.cube = kind.cube;
+          options.metadata = {{"envconv:layout", "cube"}, {"envconv:frame", "three"}, {"envmap", "not for these"}};
+          const std::string file = std::string("a.") + extension;
+          EXPECT_EQ(write(file, levels, options).type, type);
+          for (int level = 0; level < count; ++level) {
+            const auto got = read(file, level);
+            ASSERT_TRUE(got) << got.error().message;
+            EXPECT_EQ(got->format, extension);
+            EXPECT_EQ(got->levels, count);
+            EXPECT_EQ(got->metadata, (Metadata{{"envconv:layout", "cube"}, {"envconv:frame", "three"}}));
+            ASSERT_EQ(got->pictures.size(), static_cast<std::size_t>(kind.pictures));
+            EXPECT_EQ(got->pictures[0].name, kind.cube ? "px" : "");
+            for (std::size_t i = 0; i < got->pictures.size(); ++i) {
+              expect_same(levels[static_cast<std::size_t>(level)][i], got->pictures[i], type);
+              if (HasFatalFailure()) return;
+            }
+          }
+          const auto beyond = read(file, count);
+          ASSERT_FALSE(beyond);
+          EXPECT_EQ(beyond.error().code, ErrorCode::input);
+        }
+      }
+    }
+  }
+}
+
+TEST_F(Container, LevelsThroughAProcessOfItsOwn) {
+  WriteOptions options;
+  options.type = half;
+  options.cube = true;
+  const Levels levels = make_levels(12, 12, 3, 6, 4);
+  for (const char* file : {"a.dds", "a.ktx2", "a.ktx"}) {
+    write(file, levels, options);
+    for (int level = 0; level < 4; ++level) {
+      ReadOptions how;
+      how.level = level;
+      const auto got = read_pictures(path(file), how);
+      ASSERT_TRUE(got) << got.error().message;
+      expect_same(levels[static_cast<std::size_t>(level)][5], got->pictures[5], half);
+    }
+  }
+}
+
+TEST_F(Container, CompressionOfKtx2) {
+  const Levels levels = make_levels(64, 64, 3, 6, 7);
+  WriteOptions options;
+  options.type = half;
+  options.cube = true;
+  write("plain.ktx2", levels, options);
+  for (const char* name : {"none", "zstd", "zstd:1", "zstd:19", "zlib", "zlib:1", "zlib:12"}) {
+    SCOPED_TRACE(name);
+    options.compression = name;
+    write("a.ktx2", levels, options);
+    const auto got = read("a.ktx2", 1);
+    ASSERT_TRUE(got) << got.error().message;
+    EXPECT_EQ(got->compression, std::string(name).substr(0, 4));
+    for (std::size_t i = 0; i < 6; ++i) expect_same(levels[1][i], got->pictures[i], half);
+    const std::string bytes = bytes_of("a.ktx2"), plain = bytes_of("plain.ktx2");
+    if (std::string(name) == "none") {
+      EXPECT_EQ(bytes, plain);
+    } else {
+      EXPECT_LT(bytes.size(), plain.size());
+    }
+    // Whatever the number of threads.
+    options.threads = 1;
+    write("b.ktx2", levels, options);
+    options.threads = 0;
+    EXPECT_EQ(bytes, bytes_of("b.ktx2"));
+  }
+  for (const char* name : {"zstd:0", "zstd:23", "zstd:", "zlib:13", "zstd,zlib", "zstd,", "best", "fast", ",", "lz4"}) {
+    options.compression = name;
+    const auto refused = can_write(path("a.ktx2"), options, 6, 3, 7);
+    ASSERT_FALSE(refused) << name;
+    EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
+  }
+  options.type = bc6h;
+  options.type_given = true;
+  for (const char* name : {"fast", "normal", "best", "zstd:3,best", "fast,zlib", "none,normal"}) {
+    options.compression = name;
+    EXPECT_TRUE(can_write(path("a.ktx2"), options, 6, 3, 7)) << name;
+  }
+  options.compression = "zstd";
+  EXPECT_FALSE(can_write(path("a.dds"), options, 6, 3, 7));
+  options.compression = "best";
+  EXPECT_TRUE(can_write(path("a.dds"), options, 6, 3, 7));
+}
+
+TEST_F(Container, WhatTheyCannotHold) {
+  WriteOptions options;
+  options.type_given = true;
+  options.type = rgb9e5;
+  EXPECT_TRUE(can_write("a.dds", options, 30, 3, 5));
+  EXPECT_FALSE(can_write("a.dds", options, 6, 4));  // alpha
+  options.type = half;
+  EXPECT_FALSE(can_write("a.ktx2", options, 1, 5));
+  EXPECT_FALSE(can_write("a.ktx2", options, 65, 3));
+  options.type = uint16;
+  EXPECT_FALSE(can_write("a.ktx2", options, 6, 3));
+  options.type = half;
+  Levels uneven = make_levels(8, 8, 3, 2, 1);
+  uneven[0][1] = make(4, 8, 3, 1, 0);
+  const auto refused = write_levels(path("a.dds"), uneven, options);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+// --- bytes ---------------------------------------------------------------------------------------------------------
+
+std::uint32_t word_at(const std::string& bytes, std::size_t at) {
+  return little_endian<std::uint32_t>(reinterpret_cast<const std::uint8_t*>(bytes.data()) + at);
+}
+void set_word(std::string& bytes, std::size_t at, std::uint32_t v) { std::memcpy(bytes.data() + at, &v, 4); }
+void set_long(std::string& bytes, std::size_t at, std::uint64_t v) { std::memcpy(bytes.data() + at, &v, 8); }
+
+// As the Khronos Group's own dfdutils prints them for these formats.
+TEST(Descriptor, IsTheOneOfTheKhronosGroup) {
+  const std::uint32_t one = 0x3f800000, minus = 0xbf800000;
+  const std::pair<std::uint32_t, std::vector<std::uint32_t>> golden[] = {
+      {97, {0x5c, 0,     0x00580002, 0x00010101, 0, 8,     0,   0xc00f0000, 0, minus, one, 0xc10f0010,
+            0,    minus, one,        0xc20f0020, 0, minus, one, 0xcf0f0030, 0, minus, one}},
+      {109, {0x5c, 0,     0x00580002, 0x00010101, 0, 16,    0,   0xc01f0000, 0, minus, one, 0xc11f0020,
+             0,    minus, one,        0xc21f0040, 0, minus, one, 0xcf1f0060, 0, minus, one}},
+      {90,
+       {0x4c, 0, 0x00480002, 0x00010101, 0, 6, 0, 0xc00f0000, 0, minus, one, 0xc10f0010, 0, minus, one, 0xc20f0020, 0,
+        minus, one}},
+      {122,
+       {0x4c, 0, 0x00480002, 0x00010101, 0, 4, 0, 0x800a0000, 0, 0, one, 0x810a000b, 0, 0, one, 0x82090016, 0, 0, one}},
+      {123, {0x7c, 0, 0x00780002, 0x00010101, 0, 4,  0,  0x00080000, 0, 0, 0x2100, 0x2004001b, 0, 15, 31, 0x01080009,
+             0,    0, 0x2100,     0x2104001b, 0, 15, 31, 0x02080012, 0, 0, 0x2100, 0x2204001b, 0, 15, 31}},
+      {143, {0x2c, 0, 0x00280002, 0x00010185, 0x303, 16, 0, 0x807f0000, 0, 0, one}},
+      {144, {0x2c, 0, 0x00280002, 0x00010185, 0x303, 16, 0, 0xc07f0000, 0, minus, one}},
+      {37, {0x5c, 0, 0x00580002, 0x00010101, 0, 4, 0,   0x00070000, 0, 0, 255, 0x01070008,
+            0,    0, 255,        0x02070010, 0, 0, 255, 0x0f070018, 0, 0, 255}},
+      {43, {0x5c, 0, 0x00580002, 0x00020101, 0, 4, 0,   0x00070000, 0, 0, 255, 0x01070008,
+            0,    0, 255,        0x02070010, 0, 0, 255, 0x1f070018, 0, 0, 255}},
+  };
+  for (const auto& [number, words] : golden) {
+    const TexelFormat* format = format_of_vk(number);
+    ASSERT_NE(format, nullptr) << number;
+    EXPECT_EQ(make_descriptor(*format, false), words) << number;
+  }
+}
+
+TEST_F(Container, HeaderOfDds) {
+  WriteOptions options;
+  options.type = half;
+  options.cube = true;
+  write("a.dds", make_levels(12, 12, 3, 6, 4), options);
+  const std::string a = bytes_of("a.dds");
+  EXPECT_EQ(a.size(), 148 + 6 * 8 * (144 + 36 + 9 + 1));
+  EXPECT_EQ(a.substr(0, 4), "DDS ");
+  const std::pair<int, std::uint32_t> words[] = {{4, 124},        {8, 0x2100F},  {12, 12}, {16, 12}, {20, 12 * 8},
+                                                 {24, 0},         {28, 4},       {76, 32}, {80, 4},  {88, 0},
+                                                 {108, 0x401008}, {112, 0xFE00}, {116, 0}, {120, 0}, {124, 0},
+                                                 {128, 10},       {132, 3},      {136, 4}, {140, 1}, {144, 3}};
+  for (const auto& [at, value] : words) EXPECT_EQ(word_at(a, static_cast<std::size_t>(at)), value) << at;
+  EXPECT_EQ(a.substr(84, 4), "DX10");
+
+  options.cube = false;
+  options.type = bc6h;
+  write("b.dds", make_levels(10, 6, 3, 2, 1), options);
+  const std::string b = bytes_of("b.dds");
+  EXPECT_EQ(b.size(), 148 + 2 * 3 * 2 * 16);
+  const std::pair<int, std::uint32_t> others[] = {{8, 0x81007}, {20, 3 * 2 * 16}, {28, 1},  {108, 0x1008},
+                                                  {112, 0},     {128, 95},        {136, 0}, {140, 2}};
+  for (const auto& [at, value] : others) EXPECT_EQ(word_at(b, static_cast<std::size_t>(at)), value) << at;
+
+  const std::pair<PixelType, std::uint32_t> numbers[] = {{half, 10},       {float32, 2}, {uint8, 29},
+                                                         {r11g11b10f, 26}, {rgb9e5, 67}, {bc6h, 95}};
+  for (const auto& [type, number] : numbers) {
+    options.type = type;
+    write("c.dds", make_levels(4, 4, 3, 1, 1), options);
+    EXPECT_EQ(word_at(bytes_of("c.dds"), 128), number);
+  }
+  options.type = uint8;
+  options.encoding = Encoding::as_is;
+  write("c.dds", make_levels(4, 4, 3, 1, 1), options);
+  EXPECT_EQ(word_at(bytes_of("c.dds"), 128), 28u);
+}
+
+TEST_F(Container, LongNamesFitIntoTheHeaderOfDds) {
+  WriteOptions options;
+  const Metadata longest{
+      {"envconv:layout", "polar-capped-conformal"}, {"envconv:frame", "renderman"}, {"envconv:seam", "stretch"}};
+  options.metadata = longest;
+  write("a.dds", make_levels(4, 4, 3, 1, 1), options);
+  EXPECT_EQ(read("a.dds")->metadata, longest);
+  options.metadata = {{"envconv:layout", "tennis-ball"}, {"envconv:seam", "gutter:4"}, {"envconv:frame", "world"}};
+  write("a.dds", make_levels(4, 4, 3, 1, 1), options);
+  options.metadata.erase("envconv:frame");  // the usual one
+  EXPECT_EQ(read("a.dds")->metadata, options.metadata);
+  options.metadata = {{"envconv:layout", std::string(41, 'x')}};
+  EXPECT_EQ(write("a.dds", make_levels(4, 4, 3, 1, 1), options).warnings.size(), 1u);
+  EXPECT_TRUE(read("a.dds")->metadata.empty());
+}
+
+TEST_F(Container, OrderInKtx2) {
+  WriteOptions options;
+  options.type = bc6h;
+  options.cube = true;
+  options.metadata = {{"envconv:layout", "cube"}};
+  write("a.ktx2", make_levels(12, 12, 3, 6, 4), options);
+  const std::string a = bytes_of("a.ktx2");
+  const std::pair<int, std::uint32_t> words[] = {{12, 143}, {16, 1}, {20, 12}, {24, 12}, {28, 0},
+                                                 {32, 0},   {36, 6}, {40, 4},  {44, 0},  {48, 80 + 4 * 24}};
+  for (const auto& [at, value] : words) EXPECT_EQ(word_at(a, static_cast<std::size_t>(at)), value) << at;
+  std::uint64_t before = UINT64_MAX;
+  for (std::size_t level = 0; level < 4; ++level) {
+    const auto* entry = reinterpret_cast<const std::uint8_t*>(a.data()) + 80 + 24 * level;
+    const auto offset = little_endian<std::uint64_t>(entry);
+    EXPECT_EQ(offset % 16, 0u) << "aligned to blocks";
+    EXPECT_LT(offset, before) << "the smallest level comes first";
+    before = offset;
+    const std::uint64_t size = (level == 0 ? 9 : 4 / (level == 1 ? 1 : 4)) * 16 * 6;
+    EXPECT_EQ(little_endian<std::uint64_t>(entry + 8), size);
+    EXPECT_EQ(little_endian<std::uint64_t>(entry + 16), size);
+  }
+  EXPECT_LT(a.find("KTXorientation"), a.find("KTXwriter"));
+  EXPECT_LT(a.find("KTXwriter"), a.find("envconv:layout"));
+  options.cube = false;
+  write("b.ktx2", make_levels(4, 4, 3, 12, 1), options);
+  EXPECT_EQ(word_at(bytes_of("b.ktx2"), 32), 12u);
+  EXPECT_EQ(word_at(bytes_of("b.ktx2"), 36), 1u);
+}
+
+TEST_F(Container, SizesInKtx) {
+  WriteOptions options;
+  options.type = r11g11b10f;
+  options.cube = true;
+  write("a.ktx", make_levels(3, 3, 3, 6, 2), options);
+  const std::string a = bytes_of("a.ktx");
+  // Type, its size, format, internal format, base format; size; faces and levels.
+  const std::uint32_t words[] = {0x04030201, 0x8C3B, 4, 0x1907, 0x8C3A, 0x1907, 3, 3, 0, 0, 6, 2};
+  for (std::size_t i = 0; i < 12; ++i) EXPECT_EQ(word_at(a, 12 + 4 * i), words[i]) << i;
+  const std::size_t data = 64 + word_at(a, 60);
+  EXPECT_EQ(word_at(a, data), 3u * 3 * 4) << "of one face";
+  EXPECT_EQ(word_at(a, data + 4 + 6 * 36), 4u);
+  EXPECT_EQ(a.size(), data + 4 + 6 * 36 + 4 + 6 * 4);
+  options.cube = false;
+  write("b.ktx", make_levels(3, 3, 3, 2, 1), options);
+  const std::string b = bytes_of("b.ktx");
+  EXPECT_EQ(word_at(b, 48), 2u);
+  EXPECT_EQ(word_at(b, 64 + word_at(b, 60)), 2u * 36) << "of all layers";
+}
+
+// --- other people's files ------------------------------------------------------------------------------------------
+
+std::string dds_header(int size, int levels, std::uint32_t pixel_flags, std::uint32_t code, std::uint32_t bits,
+                       std::array<std::uint32_t, 4> masks, bool cube = true) {
+  ByteWriter out;
+  out.text("DDS ");
+  for (const int v : {124, 0x21007, size, size, 0, 0, levels}) out.u32(static_cast<std::uint32_t>(v));
+  out.zeros(44);
+  for (const std::uint32_t v : {32u, pixel_flags, code, bits}) out.u32(v);
+  for (const std::uint32_t mask : masks) out.u32(mask);
+  out.u32(0x401008);
+  out.u32(cube ? 0xFE00u : 0u);
+  out.zeros(12);
+  return out.bytes();
+}
+
+TEST_F(Container, OldCubesOfFloats) {
+  // Face-major: each texel is 10 face + level.
+  for (const bool single : {true, false}) {
+    std::string bytes = dds_header(4, 3, 4, single ? 116 : 113, 0, {});
+    for (int face = 0; face < 6; ++face) {
+      for (int level = 0; level < 3; ++level) {
+        for (int i = 0; i < (4 >> level) * (4 >> level) * 4; ++i) {
+          const float v = static_cast<float>(10 * face + level);
+          if (single) {
+            bytes.append(reinterpret_cast<const char*>(&v), 4);
+          } else {
+            int e = 0;
+            const auto code = static_cast<std::uint16_t>(
+                v == 0 ? 0 : (std::frexp(v, &e), ((e + 14) << 10) | (static_cast<int>(std::ldexp(v, 11 - e)) & 1023)));
+            bytes.append(reinterpret_cast<const char*>(&code), 2);
+          }
+        }
+      }
+    }
+    put("old.dds", bytes);
+    for (int level = 0; level < 3; ++level) {
+      const auto got = read("old.dds", level);
+      ASSERT_TRUE(got) << got.error().message;
+      ASSERT_EQ(got->pictures.size(), 6u);
+      EXPECT_EQ(got->color, "linear");
+      for (int face = 0; face < 6; ++face) {
+        EXPECT_EQ(got->pictures[static_cast<std::size_t>(face)].image.width(), 4 >> level);
+        EXPECT_EQ(got->pictures[static_cast<std::size_t>(face)].image.at(0, 0)[1], 10 * face + level);
+      }
+    }
+  }
+}
+
+TEST_F(Container, OldPicturesByMasks) {
+  struct Masks {
+    std::uint32_t flags, bits;
+    std::array<std::uint32_t, 4> masks;
+    bool bgr;
+    int channels;
+  };
+  const Masks all[] = {{0x41, 32, {0xFF, 0xFF00, 0xFF0000, 0xFF000000}, false, 4},
+                       {0x41, 32, {0xFF0000, 0xFF00, 0xFF, 0xFF000000}, true, 4},
+                       {0x40, 32, {0xFF0000, 0xFF00, 0xFF, 0}, true, 3},
+                       {0x40, 24, {0xFF0000, 0xFF00, 0xFF, 0}, true, 3}};
+  for (const Masks& m : all) {
+    std::string bytes = dds_header(2, 2, m.flags, 0, m.bits, m.masks);
+    for (int i = 0; i < 6 * 5; ++i) {
+      const char texel[4] = {static_cast<char>(255), 0, 0, static_cast<char>(255)};
+      bytes.append(texel, m.bits / 8);
+    }
+    put("old.dds", bytes);
+    const auto got = read("old.dds", 1);
+    ASSERT_TRUE(got) << got.error().message;
+    ASSERT_EQ(got->pictures.size(), 6u);
+    EXPECT_EQ(got->color, "sRGB");
+    ASSERT_EQ(got->pictures[0].image.channels(), m.channels);
+    EXPECT_EQ(got->pictures[5].image.at(0, 0)[m.bgr ? 2 : 0], 1);
+    EXPECT_EQ(got->pictures[5].image.at(0, 0)[m.bgr ? 0 : 2], 0);
+  }
+}
+
+TEST_F(Container, BlocksThroughTheImageLibrary) {
+  // BC1: two 5:6:5 colours and indices, all the first one.  The faces' greens are 8, 16 ... of 63.
+  std::string bytes = dds_header(8, 2, 4, 0x31545844, 0, {});
+  for (int face = 0; face < 6; ++face) {
+    const auto color = static_cast<std::uint16_t>((8 * (face + 1)) << 5);
+    for (int block = 0; block < 5; ++block) {
+      bytes.append(reinterpret_cast<const char*>(&color), 2);
+      bytes.append(6, '\0');
+    }
+  }
+  put("old.dds", bytes);
+  const auto got = read_pictures(path("old.dds"), {});
+  ASSERT_TRUE(got) << got.error().message;
+  ASSERT_EQ(got->pictures.size(), 6u);
+  EXPECT_EQ(got->levels, 2);
+  EXPECT_EQ(got->pictures[0].name, "px");
+  for (int face = 0; face < 6; ++face) {
+    const Image& image = got->pictures[static_cast<std::size_t>(face)].image;
+    ASSERT_EQ(image.width(), 8);
+    ASSERT_EQ(image.height(), 8);
+    const double coded = 8.0 * (face + 1) / 63, linear = std::pow((coded + 0.055) / 1.055, 2.4);
+    for (const int at : {0, 7}) EXPECT_NEAR(image.at(at, at)[1], linear, 0.01);
+  }
+  ReadOptions options;
+  options.level = 1;
+  const auto refused = read_pictures(path("old.dds"), options);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("only level 0"), std::string::npos) << refused.error().message;
+}
+
+// The image library's decoder of BC6H is another one.
+TEST_F(Container, Bc6hAsTheImageLibraryHasIt) {
+  std::vector<Picture> faces;
+  std::mt19937 random(6);
+  std::lognormal_distribution<float> value(0, 2);
+  for (int face = 0; face < 6; ++face) {
+    Picture picture = make(16, 16, 3, face, 0);
+    for (std::size_t i = 0; i < picture.image.value_count(); ++i) picture.image.data()[i] *= 1 + value(random);
+    faces.push_back(std::move(picture));
+  }
+  WriteOptions options;
+  options.type = bc6h;
+  options.cube = true;
+  options.type_given = true;
+  const auto report = write_pictures(path("a.dds"), faces, options);
+  ASSERT_TRUE(report) << report.error().message;
+  const auto ours = read("a.dds");
+  ASSERT_TRUE(ours) << ours.error().message;
+  const int fd = ::open(path("a.dds").c_str(), O_RDONLY | O_CLOEXEC);
+  ASSERT_GE(fd, 0);
+  {
+    auto theirs = open_imageio("dds", fd, {.max_pixels = 1 << 20});
+    ASSERT_TRUE(theirs) << theirs.error().message;
+    const PictureSpec& spec = (*theirs)->spec().pictures[0];
+    ASSERT_EQ(spec.width, 16);
+    ASSERT_EQ(spec.height, 96);
+    ASSERT_EQ(spec.element, float32);
+    const int channels = spec.channels.count();
+    ASSERT_GE(channels, 3);
+    std::vector<float> strip(static_cast<std::size_t>(16 * 96 * channels));
+    ASSERT_TRUE((*theirs)->decode(0, strip.data()));
+    for (int y = 0; y < 96; ++y) {
+      for (int x = 0; x < 16; ++x) {
+        const float* a = ours->pictures[static_cast<std::size_t>(y / 16)].image.at(x, y % 16);
+        for (int c = 0; c < 3; ++c) ASSERT_EQ(strip[static_cast<std::size_t>((y * 16 + x) * channels + c)], a[c]);
+      }
+    }
+  }
+  ::close(fd);
+}
+
+TEST_F(Container, OrientationOfKtx2) {
+  WriteOptions options;
+  options.type = float32;
+  write("a.ktx2", make_levels(3, 2, 3, 1, 1), options);
+  const std::string good = bytes_of("a.ktx2");
+  const std::size_t at = good.find("KTXorientation") + 15;
+  ASSERT_EQ(good.substr(at, 2), "rd");
+  const Picture source = make(3, 2, 3, 0, 0);
+  const std::tuple<const char*, int, int> cases[] = {{"rd", 0, 0}, {"ru", 0, 1}, {"ld", 2, 0}, {"lu", 2, 1}};
+  for (const auto& [text, x, y] : cases) {
+    std::string bytes = good;
+    bytes.replace(at, 2, text);
+    put("b.ktx2", bytes);
+    const auto got = read("b.ktx2");
+    ASSERT_TRUE(got) << got.error().message;
+    EXPECT_EQ(got->pictures[0].image.at(0, 0)[0], source.image.at(x, y)[0]) << text;
+  }
+}
+
+// --- damage --------------------------------------------------------------------------------------------------------
+
+// A cube of two levels in each container and packing.
+class Damage : public Container {
+ protected:
+  std::string good(const std::string& file, const std::string& compression = "") {
+    WriteOptions options;
+    options.type = half;
+    options.cube = true;
+    options.compression = compression;
+    options.metadata = {{"envconv:layout", "cube"}};
+    write(file, make_levels(4, 4, 3, 6, 2), options);
+    return bytes_of(file);
+  }
+  void expect_refused_with(const std::string& file, std::size_t at, std::uint32_t word, const std::string& what) {
+    std::string bytes = bytes_of(file);
+    set_word(bytes, at, word);
+    SCOPED_TRACE(file + " " + std::to_string(at) + " = " + std::to_string(word));
+    expect_refused(bytes, what, "bad" + fs::path(file).extension().string());
+  }
+};
+
+TEST_F(Damage, EveryTruncation) {
+  const std::pair<const char*, const char*> files[] = {
+      {"a.dds", ""}, {"a.ktx", ""}, {"a.ktx2", ""}, {"a.ktx2", "zstd"}, {"a.ktx2", "zlib"}};
+  for (const auto& [file, compression] : files) {
+    const std::string bytes = good(file, compression);
+    for (std::size_t size = 13; size < bytes.size(); size += size < 300 ? 1 : 97) {
+      put("short", bytes.substr(0, size));
+      for (const int level : {0, 1}) ASSERT_FALSE(read("short", level)) << file << " of " << size << " bytes";
+    }
+  }
+}
+
+TEST_F(Damage, OfDds) {
+  good("a.dds");
+  for (const std::uint32_t v : {0u, 123u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 4, v, "bad DDS header");
+  expect_refused_with("a.dds", 76, 24, "bad DDS header");
+  for (const std::uint32_t v : {0u, 8u}) expect_refused_with("a.dds", 12, v, v ? "not square" : "empty image");
+  for (const std::uint32_t v : {1u << 20, 0x7FFFFFFFu, 0xFFFFFFFFu}) expect_refused_with("a.dds", 16, v, "claims");
+  for (const std::uint32_t v : {4u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 28, v, "levels");
+  expect_refused_with("a.dds", 28, 3, "truncated");
+  expect_refused_with("a.dds", 128, 71, "truncated");  // BC1 is smaller, but no picture for the image library
+  for (const std::uint32_t v : {0u, 1u, 94u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 128, v, "not supported");
+  for (const std::uint32_t v : {2u, 4u}) expect_refused_with("a.dds", 132, v, "no two-dimensional texture");
+  for (const std::uint32_t v : {0u, 2u, 6u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 140, v, "cube maps");
+  std::string array = bytes_of("a.dds");
+  set_word(array, 136, 0);
+  for (const std::uint32_t v : {65u, 0xFFFFFFFFu}) {
+    set_word(array, 140, v);
+    expect_refused(array, "layers", "bad.dds");
+  }
+  set_word(array, 140, 7);
+  expect_refused(array, "truncated", "bad.dds");
+  set_word(array, 140, 0);
+  expect_refused(array, "layers", "bad.dds");
+  std::string incomplete = dds_header(4, 1, 4, 113, 0, {}) + std::string(6 * 16 * 8, '\0');
+  set_word(incomplete, 112, 0xFA00);
+  expect_refused(incomplete, "lacks some", "bad.dds");
+}
+
+TEST_F(Damage, OfKtx2) {
+  good("a.ktx2");
+  const std::string bytes = bytes_of("a.ktx2");
+  for (const std::uint32_t v : {0u, 1u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 12, v, "not supported");
+  expect_refused_with("a.ktx2", 12, 109, "damaged");
+  expect_refused_with("a.ktx2", 16, 4, "type size");
+  expect_refused_with("a.ktx2", 20, 0, "empty image");
+  for (const std::uint32_t v : {1u << 24, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 20, v, "claims");
+  expect_refused_with("a.ktx2", 24, 0, "no two-dimensional");
+  expect_refused_with("a.ktx2", 24, 8, "not square");
+  expect_refused_with("a.ktx2", 28, 1, "no two-dimensional");
+  for (const std::uint32_t v : {2u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 32, v, "cube maps");
+  for (const std::uint32_t v : {0u, 5u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 36, v, "faces");
+  for (const std::uint32_t v : {4u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 40, v, "levels");
+  expect_refused_with("a.ktx2", 40, 3, "damaged");
+  expect_refused_with("a.ktx2", 44, 1, "Basis");
+  for (const std::uint32_t v : {2u, 3u}) expect_refused_with("a.ktx2", 44, v, "does not unpack");
+  expect_refused_with("a.ktx2", 44, 4, "supercompression");
+  for (const std::uint32_t v : {0u, 79u, 0xFFFFFFF0u}) expect_refused_with("a.ktx2", 48, v, "descriptor");
+  for (const std::uint32_t v : {0u, 12u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 52, v, "descriptor");
+  expect_refused_with("a.ktx2", 56, 0xFFFFFFF0u, "keys and values");
+  expect_refused_with("a.ktx2", 60, 0x7FFFFFFF, "keys and values");
+  expect_refused_with("a.ktx2", 60, 5, "keys and values");
+  expect_refused_with("a.ktx2", 72, 4, "global data");
+  // The descriptor: its size, its own block's, model, a sample's place and meaning, an unknown curve.
+  const std::size_t descriptor = word_at(bytes, 48), pairs = word_at(bytes, 56);
+  for (const std::size_t i : {0, 1, 2, 3, 4, 5, 7, 11}) {
+    expect_refused_with("a.ktx2", descriptor + 4 * i, word_at(bytes, descriptor + 4 * i) ^ 0x10001, "damaged");
+  }
+  expect_refused_with("a.ktx2", descriptor + 12, 0x000A0101, "transfer function 10");
+  // Pairs: a size beyond the end, none, without a zero.
+  for (const std::uint32_t v : {0u, 1u, 0x7FFFFFFFu}) expect_refused_with("a.ktx2", pairs, v, "well formed");
+  std::string turned = bytes;
+  turned.replace(turned.find("KTXorientation") + 15, 2, "ru");
+  expect_refused(turned, "orientation", "bad.ktx2");
+  // Levels: their sizes, places and each other.
+  const std::uint64_t level0 = 4 * 4 * 8 * 6, level1 = 2 * 2 * 8 * 6;
+  const auto with = [&](std::size_t at, std::uint64_t v) {
+    std::string changed = bytes;
+    set_long(changed, at, v);
+    return changed;
+  };
+  const auto offset1 = little_endian<std::uint64_t>(reinterpret_cast<const std::uint8_t*>(bytes.data()) + 104);
+  for (const std::uint64_t v : {std::uint64_t{0}, level0 - 1, level0 + 1, UINT64_MAX, std::uint64_t{1} << 63}) {
+    expect_refused(with(88, v), "size that its texels need", "bad.ktx2");
+    expect_refused(with(96, v), "size that its texels need", "bad.ktx2");
+  }
+  for (const std::uint64_t v : {std::uint64_t{bytes.size()}, UINT64_MAX, UINT64_MAX - level0 + 1}) {
+    expect_refused(with(80, v), "truncated", "bad.ktx2");
+  }
+  for (const std::uint64_t v :
+       {std::uint64_t{0}, std::uint64_t{80}, std::uint64_t{descriptor}, offset1, offset1 + level1 - 1}) {
+    expect_refused(with(80, v), "overlap", "bad.ktx2");
+  }
+}
+
+TEST_F(Damage, OfCompressedLevels) {
+  for (const char* scheme : {"zstd", "zlib"}) {
+    const std::string bytes = good("a.ktx2", scheme);
+    // A stream that unpacks to more or to less than its texels need.
+    for (const int size : {2, 8}) {
+      WriteOptions options;
+      options.type = half;
+      options.cube = true;
+      options.compression = scheme;
+      write("other.ktx2", make_levels(size, size, 3, 6, 1), options);
+      const std::string other = bytes_of("other.ktx2");
+      const auto* entry = reinterpret_cast<const std::uint8_t*>(other.data()) + 80;
+      const auto offset = little_endian<std::uint64_t>(entry), length = little_endian<std::uint64_t>(entry + 8);
+      std::string bad = bytes + other.substr(offset, length);
+      set_long(bad, 80, bytes.size());
+      set_long(bad, 88, length);
+      expect_refused(bad, "does not unpack to its size", "bad.ktx2");
+    }
+    std::string empty = bytes;
+    set_long(empty, 88, 0);
+    expect_refused(empty, "is empty", "bad.ktx2");
+    // Any byte of the stream: an error, or texels.
+    const auto begin = little_endian<std::uint64_t>(reinterpret_cast<const std::uint8_t*>(bytes.data()) + 80);
+    for (std::size_t at = begin; at < bytes.size(); ++at) {
+      std::string bad = bytes;
+      bad[at] = static_cast<char>(bad[at] ^ 0x55);
+      put("bad.ktx2", bad);
+      (void)read("bad.ktx2");
+    }
+  }
+}
+
+TEST_F(Damage, OfKtx) {
+  good("a.ktx");
+  const std::string bytes = bytes_of("a.ktx");
+  expect_refused_with("a.ktx", 12, 0x01020304, "big-endian");
+  expect_refused_with("a.ktx", 12, 0, "bad KTX header");
+  expect_refused_with("a.ktx", 20, 4, "type size");
+  for (const std::uint32_t v : {0u, 0xFFFFFFFFu}) expect_refused_with("a.ktx", 28, v, "not supported");
+  expect_refused_with("a.ktx", 36, 0, "empty image");
+  expect_refused_with("a.ktx", 36, 0xFFFFFFFF, "claims");
+  expect_refused_with("a.ktx", 44, 1, "no two-dimensional");
+  expect_refused_with("a.ktx", 48, 2, "cube maps");
+  for (const std::uint32_t v : {0u, 2u, 0xFFFFFFFFu}) expect_refused_with("a.ktx", 52, v, "faces");
+  for (const std::uint32_t v : {4u, 0xFFFFFFFFu}) expect_refused_with("a.ktx", 56, v, "levels");
+  expect_refused_with("a.ktx", 60, 0xFFFFFFFF, "keys and values");
+  expect_refused_with("a.ktx", 64 + word_at(bytes, 60), 4 * 4 * 8 * 6, "size that its texels need");
+}
+
+}  // namespace
+}  // namespace envconv
