@@ -83,8 +83,8 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Output",
       packing_option("--packing", o.packing,
                      "how faces lie in the image; files: one file per face, with {face} in --output; parts: one "
-                     "OpenEXR part per face"),
-      "the layout's own");
+                     "OpenEXR part per face, or the faces or layers of a DDS, KTX or KTX2 file"),
+      "the layout's own; parts for DDS, KTX and KTX2");
   add("Output", frame_option("--frame", o.frame, "axes of the program that will use the output"), "world");
   add("Output", size_option(o.size), "auto");
   add("Output", count_option("--texels", "N", o.texels, std::int64_t{1} << 40,
@@ -92,7 +92,8 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Output", type_option(o.write), "the nearest that the file format and the input share");
   add("Output",
       text_option("--compression", "NAME", o.write.compression,
-                  "compression of the file format: zip, piz, dwaa:45 ... for OpenEXR"),
+                  "compression of the file format: zip, piz, dwaa:45 ... for OpenEXR, zstd:9 ... for KTX2; of bc6h the "
+                  "effort, fast, normal or best, after a comma where both are given"),
       "the format's usual");
   add("Output", switch_option("--verify", o.write.verify, "read each output back before it takes its name"));
   add_input_options(command, o.input);

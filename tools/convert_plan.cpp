@@ -35,7 +35,8 @@ Result<Ok> fill_in(ConvertOptions& o) {
     // A name for every face asks for a file for every face.
     const Result<OutputName> name = OutputName::parse(o.output, false);
     const bool per_face = name && (name->uses("face") || name->uses("face_index"));
-    o.packing = per_face ? find_packing("files") : &default_packing(*o.layout);
+    const bool apart = holds_faces(o.output) && o.layout->face_count() > 1 && faces_are_alike(*o.layout);
+    o.packing = per_face ? find_packing("files") : apart ? find_packing("parts") : &default_packing(*o.layout);
   }
   if (!packs(*o.packing, *o.layout)) {
     std::vector<std::string_view> possible;
@@ -46,6 +47,13 @@ Result<Ok> fill_in(ConvertOptions& o) {
                                              std::string(o.layout->name()) + " (which can be packed as " +
                                              joined(possible) + ")"};
   }
+  const bool parts = o.packing->name == "parts";
+  if (parts && holds_faces(o.output) && !faces_are_alike(*o.layout)) {
+    return Error{ErrorCode::unsupported, "--packing: faces of " + std::string(o.layout->name()) +
+                                             " differ in size, which layers of one file cannot (choose " +
+                                             std::string(default_packing(*o.layout).name) + ")"};
+  }
+  o.write.cube = parts && is_cube_map(*o.layout);
   return Ok{};
 }
 

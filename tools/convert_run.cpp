@@ -126,7 +126,7 @@ void warn_of(const WriteReport& report, const std::string& path, std::vector<std
 PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels) {
   using enum PixelType;
   std::vector<PixelType> order{source};
-  if (source == half || source == float32) {
+  if (source == half || source == float32 || source == r11g11b10f || source == rgb9e5 || source == bc6h) {
     order.insert(order.end(), {float32, half, uint8, uint16});
   } else if (source == uint8) {
     order.insert(order.end(), {half, float32, uint16});

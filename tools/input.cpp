@@ -68,9 +68,8 @@ Result<PictureFile> read_input(const Input& input, const ReadOptions& options) {
     } else {
       all.warnings.insert(all.warnings.end(), one.warnings.begin(), one.warnings.end());
       const Image& first = all.pictures.front().image;
-      const bool all_alike = input.layout->info().faces[i].aspect == input.layout->info().faces[0].aspect &&
-                             input.layout->info().faces[i].scale == input.layout->info().faces[0].scale;
-      if (all_alike && (picture.image.width() != first.width() || picture.image.height() != first.height())) {
+      if (faces_are_alike(*input.layout) &&
+          (picture.image.width() != first.width() || picture.image.height() != first.height())) {
         return Error{ErrorCode::input, input.paths[i] + ": " + std::to_string(picture.image.width()) + "x" +
                                            std::to_string(picture.image.height()) + ", where " + input.paths[0] +
                                            " is " + std::to_string(first.width()) + "x" +

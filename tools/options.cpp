@@ -39,10 +39,8 @@ Option registry_option(std::string names, std::string value, std::string_view ki
   return option;
 }
 
-constexpr std::array<std::pair<std::string_view, PixelType>, 4> types{{{"half", PixelType::half},
-                                                                       {"float", PixelType::float32},
-                                                                       {"uint8", PixelType::uint8},
-                                                                       {"uint16", PixelType::uint16}}};
+constexpr std::array types{PixelType::half,   PixelType::float32,    PixelType::uint8, PixelType::uint16,
+                           PixelType::rgb9e5, PixelType::r11g11b10f, PixelType::bc6h};
 
 }  // namespace
 
@@ -169,11 +167,13 @@ Option rotate_option(Rotation& target) {
 }
 
 Option type_option(WriteOptions& target) {
-  Option option{.names = "--type", .value = "TYPE", .help = "type of the stored values"};
-  for (const auto& [name, type] : types) option.choices.push_back(name);
+  Option option{.names = "--type",
+                .value = "TYPE",
+                .help = "type of the stored values; rgb9e5, r11g11b10f and bc6h are for DDS, KTX and KTX2"};
+  for (const PixelType type : types) option.choices.push_back(name_of(type));
   option.set = [&target, choices = option.choices](const std::string& text) {
-    for (const auto& [name, type] : types) {
-      if (name != text) continue;
+    for (const PixelType type : types) {
+      if (name_of(type) != text) continue;
       target.type = type;
       target.type_given = true;
       return std::string();
