@@ -29,6 +29,26 @@ set(oracle_environment ENVCONV=$<TARGET_FILE:envconv> ENVCONV_SOURCE=${CMAKE_CUR
                        PYTHONPATH=${CMAKE_CURRENT_SOURCE_DIR}/tests/cli ${tool_options})
 set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT "${oracle_environment}")
 
+add_executable(container_samples tests/container_samples.cpp)
+target_link_libraries(container_samples PRIVATE libenvconv)
+add_test(NAME container_oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/container_oracle_test.py)
+set_tests_properties(container_oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT
+  "${oracle_environment};CONTAINER_SAMPLES=$<TARGET_FILE:container_samples>")
+
+# Against packages that only npm has, which the first test downloads into the build folder.
+option(ENVCONV_ORACLES_NPM "Add the tests that download packages with npm" OFF)
+if(ENVCONV_ORACLES_NPM)
+  find_program(NODE node REQUIRED)
+  find_program(NPM npm REQUIRED)
+  set(npm_folder ${CMAKE_CURRENT_BINARY_DIR}/npm)
+  add_test(NAME npm_packages COMMAND ${NPM} install --prefix ${npm_folder} --no-audit --no-fund --ignore-scripts
+           ktx-parse@2.0.0)
+  add_test(NAME ktx_parse COMMAND ${NODE} ${CMAKE_CURRENT_SOURCE_DIR}/tests/ktx_parse_test.mjs ${npm_folder}
+           $<TARGET_FILE:container_samples>)
+  set_tests_properties(npm_packages PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_SETUP npm)
+  set_tests_properties(ktx_parse PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_REQUIRED npm)
+endif()
+
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
          ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)
 list(JOIN sanitize_options " " flags)  # the consumer's too; none but in builds with a sanitizer
