@@ -49,6 +49,7 @@ envconv_test(bc6h_test LIBRARIES hwy::hwy)
 envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
 
 include(tests/cli.cmake)
+include(tests/fuzz.cmake)
 add_dependencies(container_test envconv_imageio)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
