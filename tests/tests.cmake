@@ -47,6 +47,10 @@ envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
 find_library(EGL EGL REQUIRED)
 envconv_test(bc6h_test LIBRARIES hwy::hwy)
 envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
+# DevIL reads DDS files of the older kind.
+find_library(DEVIL IL REQUIRED)
+envconv_test(devil_oracle_test LABELS oracle LIBRARIES ${DEVIL})
+
 # Mesa's software renderer looks up what we write.
 pkg_check_modules(EPOXY REQUIRED IMPORTED_TARGET epoxy)
 envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
