@@ -53,13 +53,8 @@ enum : std::uint32_t {
   kAlphaOpaque = 3
 };
 
-struct DxgiFormat {
-  std::uint32_t number;
-  TexelFormat format;
-};
-
 // The first of a type (and curve) is what is written.
-constexpr DxgiFormat kFormats[] = {
+constexpr NumberedFormat kFormats[] = {
     {2, {.type = PixelType::float32, .channels = 4, .bytes = 16}},                             // R32G32B32A32_FLOAT
     {6, {.type = PixelType::float32, .channels = 3, .bytes = 12}},                             // R32G32B32_FLOAT
     {10, {.type = PixelType::half, .channels = 4, .bytes = 8}},                                // R16G16B16A16_FLOAT
@@ -75,16 +70,6 @@ constexpr DxgiFormat kFormats[] = {
     {95, {.type = PixelType::bc6h, .channels = 3, .bytes = 16}},                     // BC6H_UF16
     {96, {.type = PixelType::bc6h, .channels = 3, .bytes = 16, .is_signed = true}},  // BC6H_SF16
 };
-
-std::uint32_t dxgi_number(const TexelFormat& format) {
-  for (const DxgiFormat& known : kFormats) {
-    if (known.format.type == format.type && known.format.channels == format.channels &&
-        known.format.srgb == format.srgb) {
-      return known.number;
-    }
-  }
-  return 0;
-}
 
 // --- our line in the reserved words --------------------------------------------------------------------------------
 
@@ -281,9 +266,7 @@ class DdsDecoder final : public TextureDecoder {
       const bool small = dxgi_ == 71 || dxgi_ == 72;
       return TexelFormat{.type = PixelType::bc6h, .channels = 3, .bytes = small ? 8 : 16};
     }
-    for (const DxgiFormat& known : kFormats) {
-      if (known.number == dxgi_) return known.format;
-    }
+    if (const TexelFormat* known = format_numbered(kFormats, dxgi_)) return *known;
     return not_supported(h.extended ? "DXGI format " + std::to_string(h.dxgi) : "FourCC " + code_text(h.code));
   }
 
@@ -374,7 +357,7 @@ std::string header_of(const TextureShape& shape, const TexelFormat& format, cons
   out.u32(kTexture | (complex ? kComplex : 0u) | (shape.levels > 1 ? kMipMap : 0u));
   out.u32(shape.cube ? kCubeMap | kAllFaces : 0u);
   out.zeros(12);
-  out.u32(dxgi_number(format));
+  out.u32(number_of(kFormats, format));
   out.u32(kTexture2D);
   out.u32(shape.cube ? kTextureCube : 0u);
   out.u32(shape.cube ? 1u : static_cast<std::uint32_t>(shape.pictures));

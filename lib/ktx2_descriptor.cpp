@@ -8,13 +8,8 @@
 namespace envconv {
 namespace {
 
-struct VkFormat {
-  std::uint32_t number;
-  TexelFormat format;
-};
-
 // The first of a type (and curve) is what is written.
-constexpr VkFormat kFormats[] = {
+constexpr NumberedFormat kFormats[] = {
     {23, {.type = PixelType::uint8, .channels = 3, .bytes = 3}},                             // R8G8B8_UNORM
     {29, {.type = PixelType::uint8, .channels = 3, .bytes = 3, .srgb = true}},               // R8G8B8_SRGB
     {37, {.type = PixelType::uint8, .channels = 4, .bytes = 4}},                             // R8G8B8A8_UNORM
@@ -87,22 +82,8 @@ std::vector<Sample> samples_of(const TexelFormat& format) {
 
 }  // namespace
 
-std::uint32_t vk_format(const TexelFormat& format) {
-  for (const VkFormat& known : kFormats) {
-    if (known.format.type == format.type && known.format.channels == format.channels &&
-        known.format.srgb == format.srgb) {
-      return known.number;
-    }
-  }
-  return 0;
-}
-
-const TexelFormat* format_of_vk(std::uint32_t number) {
-  for (const VkFormat& known : kFormats) {
-    if (known.number == number) return &known.format;
-  }
-  return nullptr;
-}
+std::uint32_t vk_format(const TexelFormat& format) { return number_of(kFormats, format); }
+const TexelFormat* format_of_vk(std::uint32_t number) { return format_numbered(kFormats, number); }
 
 std::uint32_t type_size(const TexelFormat& format) {
   switch (format.type) {

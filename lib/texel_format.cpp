@@ -264,6 +264,20 @@ TexelFormat texel_format(PixelType type, bool srgb) {
   }
 }
 
+std::uint32_t number_of(std::span<const NumberedFormat> table, const TexelFormat& format) {
+  for (const auto& [number, known] : table) {
+    if (known.type == format.type && known.channels == format.channels && known.srgb == format.srgb) return number;
+  }
+  return 0;
+}
+
+const TexelFormat* format_numbered(std::span<const NumberedFormat> table, std::uint32_t number) {
+  for (const NumberedFormat& known : table) {
+    if (known.number == number) return &known.format;
+  }
+  return nullptr;
+}
+
 std::uint64_t row_bytes(const TexelFormat& format, int width) {
   const auto block = static_cast<std::uint64_t>(format.block());
   return (static_cast<std::uint64_t>(width) + block - 1) / block * static_cast<std::uint64_t>(format.bytes);

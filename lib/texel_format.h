@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "bc6h.h"
@@ -48,6 +49,16 @@ struct TexelFormat {
 
 /// The format in which pictures of `type` are written: four channels where it has alpha.
 TexelFormat texel_format(PixelType type, bool srgb);
+
+/// A format as an interface numbers it: a DXGI_FORMAT, a VkFormat.
+struct NumberedFormat {
+  std::uint32_t number;
+  TexelFormat format;
+};
+/// The number of what texel_format() gives, the first in the table of its type, channels and curve; 0 when it has none.
+std::uint32_t number_of(std::span<const NumberedFormat> table, const TexelFormat& format);
+/// The format of a number, or nullptr.
+const TexelFormat* format_numbered(std::span<const NumberedFormat> table, std::uint32_t number);
 
 /// Bytes of a row of blocks and of a surface of width x height texels, both at least 1 and below 2^31.
 std::uint64_t row_bytes(const TexelFormat& format, int width);

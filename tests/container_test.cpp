@@ -8,13 +8,13 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <functional>
 #include <random>
 
 #include "imageio_loader.h"
 #include "io.h"
 #include "ktx2_descriptor.h"
+#include "temporary_folder.h"
 #include "texture_file.h"
 
 namespace envconv {
@@ -27,29 +27,11 @@ using Levels = std::vector<std::vector<Picture>>;
 
 constexpr PixelType kTypes[] = {half, float32, uint8, r11g11b10f, rgb9e5, bc6h};
 
-class Container : public testing::Test {
+class Container : public testing::Test, protected TemporaryFolder {
  protected:
   static void SetUpTestSuite() {
     ::setenv("ENVCONV_MODULE_PATH", ENVCONV_BUILD, 0);
     start_isolated_reader();
-  }
-  void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "envconv-container-XXXXXX").string();
-    ASSERT_NE(::mkdtemp(pattern.data()), nullptr);
-    folder_ = pattern;
-  }
-  void TearDown() override {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-  }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-  std::string bytes_of(const std::string& file) const {
-    std::ifstream in(path(file), std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-  }
-  void put(const std::string& file, const std::string& bytes) const {
-    fs::remove(path(file));  // a file that is overwritten goes to the disk at once, which takes its time
-    std::ofstream(path(file), std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   }
   WriteReport write(const std::string& file, const Levels& levels, WriteOptions options) {
     options.type_given = true;
@@ -79,8 +61,6 @@ class Container : public testing::Test {
       EXPECT_NE(result.error().message.find(what), std::string::npos) << result.error().message;
     }
   }
-
-  fs::path folder_;
 };
 
 // Values that tell picture, level and place; above 1 where the type has room.
@@ -272,7 +252,7 @@ TEST_F(Container, WhatTheyCannotHold) {
   const auto refused = write_levels(path("a.dds"), uneven, options);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_TRUE(fs::is_empty(folder()));
 }
 
 // --- bytes ---------------------------------------------------------------------------------------------------------

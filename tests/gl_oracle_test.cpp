@@ -4,27 +4,24 @@
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
-#include <fstream>
 
 #include "envconv.h"
+#include "temporary_folder.h"
 
 namespace envconv {
 namespace {
 
-namespace fs = std::filesystem;
 using enum PixelType;
 
 constexpr int kSize = 16;  // whole blocks at the levels that are looked at
 constexpr int kLevels = 3;
 
 // A context without a window, for the whole program.
-class Gl : public testing::Test {
+class Gl : public testing::Test, protected TemporaryFolder {
  protected:
   static void SetUpTestSuite() {
     ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
@@ -38,15 +35,6 @@ class Gl : public testing::Test {
     ASSERT_TRUE(eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context));
   }
   static void TearDownTestSuite() { eglTerminate(display_); }
-  void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "envconv-gl-XXXXXX").string();
-    ASSERT_NE(::mkdtemp(pattern.data()), nullptr);
-    folder_ = pattern;
-  }
-  void TearDown() override {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-  }
 
   // A cube of directions with levels.
   std::string written(const std::string& name, PixelType type) {
@@ -71,14 +59,12 @@ class Gl : public testing::Test {
     options.type = type;
     options.type_given = true;
     options.cube = true;
-    const auto report = write_levels((folder_ / name).string(), levels, options);
+    const auto report = write_levels(path(name), levels, options);
     EXPECT_TRUE(report) << report.error().message;
-    std::ifstream in(folder_ / name, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
+    return bytes_of(name);
   }
 
   static inline EGLDisplay display_ = EGL_NO_DISPLAY;
-  fs::path folder_;
 };
 
 std::uint32_t word(const std::string& bytes, std::size_t at) {
@@ -259,7 +245,7 @@ TEST_F(Gl, EveryDirectionAtEveryLevel) {
       }
       const std::vector<Vec4> colors = look_up(directions);
       ASSERT_EQ(glGetError(), static_cast<GLenum>(GL_NO_ERROR));
-      const std::vector<Vec4> ours = read_back((folder_ / name).string(), directions);
+      const std::vector<Vec4> ours = read_back(path(name), directions);
       ASSERT_EQ(ours.size(), colors.size());
       double worst = 0, apart = 0;
       for (std::size_t i = 0; i < colors.size(); ++i) {
