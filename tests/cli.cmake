@@ -35,18 +35,22 @@ add_test(NAME container_oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_S
 set_tests_properties(container_oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT
   "${oracle_environment};CONTAINER_SAMPLES=$<TARGET_FILE:container_samples>")
 
-# Against packages that only npm has, which the first test downloads into the build folder.
+# Against packages that only npm has, which the first test downloads into the build folder, and Debian's chromium.
 option(ENVCONV_ORACLES_NPM "Add the tests that download packages with npm" OFF)
 if(ENVCONV_ORACLES_NPM)
   find_program(NODE node REQUIRED)
   find_program(NPM npm REQUIRED)
   set(npm_folder ${CMAKE_CURRENT_BINARY_DIR}/npm)
   add_test(NAME npm_packages COMMAND ${NPM} install --prefix ${npm_folder} --no-audit --no-fund --ignore-scripts
-           ktx-parse@2.0.0)
+           ktx-parse@2.0.0 playwright-core@1.65.1 three@0.187.0)
   add_test(NAME ktx_parse COMMAND ${NODE} ${CMAKE_CURRENT_SOURCE_DIR}/tests/ktx_parse_test.mjs ${npm_folder}
            $<TARGET_FILE:container_samples>)
+  find_program(CHROMIUM chromium REQUIRED)
+  add_test(NAME three COMMAND ${NODE} ${CMAKE_CURRENT_SOURCE_DIR}/tests/three_test.mjs ${npm_folder}
+           $<TARGET_FILE:envconv>)
+  set_tests_properties(three PROPERTIES ENVIRONMENT "CHROMIUM=${CHROMIUM}")
   set_tests_properties(npm_packages PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_SETUP npm)
-  set_tests_properties(ktx_parse PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_REQUIRED npm)
+  set_tests_properties(ktx_parse three PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_REQUIRED npm)
 endif()
 
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
