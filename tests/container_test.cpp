@@ -710,6 +710,36 @@ TEST_F(Damage, OfCompressedLevels) {
   }
 }
 
+// A plain colour is no lie, however small its file; a small file that claims gigabytes is.
+TEST_F(Damage, PlainColorAndBomb) {
+  std::vector<Picture> faces;
+  for (int face = 0; face < 6; ++face) {
+    Picture picture{"", Image(512, 512, 3), Channels::standard(3), half};
+    picture.image.fill(0.5f);
+    faces.push_back(std::move(picture));
+  }
+  WriteOptions options;
+  options.cube = true;
+  options.compression = "zstd:19";
+  options.type_given = true;
+  const auto report = write_pictures(path("plain.ktx2"), faces, options);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_LT(bytes_of("plain.ktx2").size(), 2000u);
+  const auto got = read_pictures(path("plain.ktx2"), {});
+  ASSERT_TRUE(got) << got.error().message;
+  EXPECT_EQ(got->pictures[5].image.at(511, 511)[2], 0.5f);
+  std::string bytes = good("a.ktx2", "zstd");
+  for (const std::size_t at : {20, 24}) set_word(bytes, at, 8192);
+  for (std::size_t level = 0; level < 2; ++level) {
+    const std::uint64_t n = 8192 >> level;
+    set_long(bytes, 96 + 24 * level, n * n * 8 * 6);
+  }
+  put("bomb.ktx2", bytes);
+  const auto bomb = read_pictures(path("bomb.ktx2"), {});
+  ASSERT_FALSE(bomb);
+  EXPECT_NE(bomb.error().message.find("MB of pixels in a file of"), std::string::npos) << bomb.error().message;
+}
+
 TEST_F(Damage, OfKtx) {
   good("a.ktx");
   const std::string bytes = bytes_of("a.ktx");
