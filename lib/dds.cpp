@@ -73,24 +73,34 @@ constexpr NumberedFormat kFormats[] = {
 
 // --- our line in the reserved words --------------------------------------------------------------------------------
 
-// "ENVC", then layout, frame and seam with slashes between them, without what is usual, zeros at the end.
+// "ENVC", then the values of these keys with slashes between them, nothing for a usual one, zeros at the end.
 constexpr std::string_view kMark = "ENVC";
-
-std::string value_of(const Metadata& metadata, const char* key, std::string_view usual) {
-  const auto entry = metadata.find(key);
-  return entry == metadata.end() || entry->second == usual ? std::string() : entry->second;
-}
+struct NoteKey {
+  const char* name;
+  std::string_view usual;
+};
+constexpr NoteKey kNoteKeys[] = {{"envconv:layout", ""}, {"envconv:frame", "world"}, {"envconv:seam", "none"},
+                                 {"envconv:size", ""},   {"envconv:level", ""},      {"envconv:colorspace", ""}};
 
 std::string pack_note(const Metadata& metadata, WriteReport& report) {
-  std::string note = value_of(metadata, "envconv:layout", "");
-  if (note.empty()) return {};
-  note.insert(0, kMark);
-  const std::string frame = value_of(metadata, "envconv:frame", "world");
-  const std::string seam = value_of(metadata, "envconv:seam", "none");
-  if (!frame.empty() || !seam.empty()) note += "/" + frame;
-  if (!seam.empty()) note += "/" + seam;
+  if (!metadata.contains("envconv:layout")) return {};
+  const auto note_without = [&](std::string_view left_out) {
+    std::string note(kMark);
+    for (const auto& [name, usual] : kNoteKeys) {
+      const auto entry = metadata.find(name);
+      if (entry != metadata.end() && name != left_out && entry->second != usual) note += entry->second;
+      note += '/';
+    }
+    note.erase(note.find_last_not_of('/') + 1);
+    return note;
+  };
+  // The size can be told from the pictures, but for those with gutters.
+  std::string note = note_without("");
+  const auto seam = metadata.find("envconv:seam");
+  const bool gutter = seam != metadata.end() && seam->second.compare(0, 6, "gutter") == 0;
+  if (note.size() > kReservedSize && !gutter) note = note_without("envconv:size");
   if (note.size() <= kReservedSize) return note;
-  report.warnings.push_back("the file's header has no room for the layout's name: it is not recorded");
+  report.warnings.push_back("the file's header has no room for envconv's attributes: the layout is not recorded");
   return {};
 }
 
@@ -98,9 +108,10 @@ void unpack_note(std::string_view note, Metadata& metadata) {
   if (note.substr(0, kMark.size()) != kMark) return;
   note = note.substr(kMark.size());
   note = note.substr(0, note.find('\0'));
-  for (const char* key : {"envconv:layout", "envconv:frame", "envconv:seam"}) {
-    const std::string_view word = note.substr(0, note.find('/'));
-    if (!word.empty()) metadata[key] = std::string(word);
+  for (const auto& [name, usual] : kNoteKeys) {
+    const bool last = name == std::end(kNoteKeys)[-1].name;  // the only one that may have a slash of its own
+    const std::string_view word = last ? note : note.substr(0, note.find('/'));
+    if (!word.empty()) metadata[name] = std::string(word);
     if (word.size() == note.size()) break;
     note.remove_prefix(word.size() + 1);
   }
@@ -183,7 +194,7 @@ class DdsDecoder final : public TextureDecoder {
     ENVCONV_CHECK(understand(h));
     ENVCONV_TRY(const std::uint64_t size, file_size());
     for (int level = 0; level < shape_.levels; ++level) {
-      const Size here = level_size(shape_.size, level);
+      const Size here = size_of_level(shape_.size, level);
       if (level < level_) level_offset_ += surface_bytes(facts_.format, here.width, here.height);
       face_bytes_ += surface_bytes(facts_.format, here.width, here.height);
     }
@@ -271,7 +282,7 @@ class DdsDecoder final : public TextureDecoder {
   }
 
   Result<std::vector<std::uint8_t>> read_surface(int picture) override {
-    const Size here = level_size(shape_.size, level_);
+    const Size here = size_of_level(shape_.size, level_);
     return TextureDecoder::read_at(data_offset_ + static_cast<std::uint64_t>(picture) * face_bytes_ + level_offset_,
                                    surface_bytes(facts_.format, here.width, here.height));
   }

@@ -93,7 +93,7 @@ class Ktx1Decoder final : public TextureDecoder {
   // Levels follow each other, each with its size in front: that of one face for a cube map.
   Result<Ok> find_level(std::uint64_t at, std::uint64_t file_size, bool size_of_face) {
     for (int level = 0; level < shape_.levels; ++level) {
-      const Size here = level_size(shape_.size, level);
+      const Size here = size_of_level(shape_.size, level);
       const std::uint64_t one = surface_bytes(facts_.format, here.width, here.height);
       const std::uint64_t all = padded(one) * static_cast<std::uint64_t>(shape_.pictures);
       if (at > file_size || file_size - at < 4 || file_size - at - 4 < all) return truncated_texture();
@@ -110,7 +110,7 @@ class Ktx1Decoder final : public TextureDecoder {
   }
 
   Result<std::vector<std::uint8_t>> read_surface(int picture) override {
-    const Size here = level_size(shape_.size, level_);
+    const Size here = size_of_level(shape_.size, level_);
     const std::uint64_t one = surface_bytes(facts_.format, here.width, here.height);
     return TextureDecoder::read_at(offset_ + static_cast<std::uint64_t>(picture) * padded(one), one);
   }
@@ -160,7 +160,7 @@ Result<Ok> write_ktx1(OutputFile& file, std::span<const std::vector<Picture>> le
   file.write(head.data(), head.size());
   const EncodeOptions how{compression.effort, options.encoding, options.threads};
   for (std::size_t level = 0; level < levels.size(); ++level) {
-    const Size here = level_size(shape.size, static_cast<int>(level));
+    const Size here = size_of_level(shape.size, static_cast<int>(level));
     const std::uint64_t one = surface_bytes(format, here.width, here.height);
     const std::uint64_t claimed = shape.cube ? one : padded(one) * static_cast<std::uint64_t>(shape.pictures);
     if (claimed > 0xFFFFFFFFu)

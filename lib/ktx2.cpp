@@ -177,7 +177,7 @@ class Ktx2Decoder final : public TextureDecoder {
   }
 
   std::uint64_t level_bytes(int level) const {
-    const Size here = level_size(shape_.size, level);
+    const Size here = size_of_level(shape_.size, level);
     return surface_bytes(facts_.format, here.width, here.height) * static_cast<std::uint64_t>(shape_.pictures);
   }
 

@@ -85,7 +85,7 @@ Result<Ok> check_texture(std::string_view format, PixelType type, bool cube, int
 
 int full_chain(int width, int height) { return std::bit_width(static_cast<unsigned>(std::max({width, height, 1}))); }
 
-Size level_size(Size base, int level) {
+Size size_of_level(Size base, int level) {
   return {std::max(1, base.width >> std::min(level, 31)), std::max(1, base.height >> std::min(level, 31))};
 }
 
@@ -101,7 +101,7 @@ Result<TextureShape> shape_of(std::span<const std::vector<Picture>> levels, bool
   }
   for (int level = 0; level < shape.levels; ++level) {
     const std::vector<Picture>& pictures = levels[static_cast<std::size_t>(level)];
-    const Size size = level_size(shape.size, level);
+    const Size size = size_of_level(shape.size, level);
     if (static_cast<int>(pictures.size()) != shape.pictures) {
       return Error{ErrorCode::internal, "levels of different numbers of pictures"};
     }
@@ -148,7 +148,7 @@ Result<Ok> TextureDecoder::describe(const TextureShape& shape, const TextureFact
   spec_.levels = shape.levels;
   spec_.transfer = facts.format.srgb ? Transfer::srgb : Transfer::linear;
   spec_.unassociated = !facts.premultiplied;
-  const Size here = level_size(size, level_);
+  const Size here = size_of_level(size, level_);
   static constexpr const char* kFaces[] = {"px", "nx", "py", "ny", "pz", "nz"};
   for (int i = 0; i < shape.pictures; ++i) {
     PictureSpec picture;

@@ -41,7 +41,7 @@ Result<Ok> check_texture(std::string_view format, PixelType type, bool cube, int
 /// Levels that a chain down to one texel has.
 int full_chain(int width, int height);
 /// A level's size: halved, rounded down, at least 1.
-Size level_size(Size base, int level);
+Size size_of_level(Size base, int level);
 
 /// What a file holds.
 struct TextureShape {

@@ -87,7 +87,7 @@ Levels make_levels(int width, int height, int channels, int pictures, int levels
   Levels all;
   for (int level = 0; level < levels; ++level) {
     std::vector<Picture>& here = all.emplace_back();
-    const Size size = level_size({width, height}, level);
+    const Size size = size_of_level({width, height}, level);
     for (int i = 0; i < pictures; ++i) here.push_back(make(size.width, size.height, channels, i, level));
   }
   return all;
@@ -340,6 +340,16 @@ TEST_F(Container, LongNamesFitIntoTheHeaderOfDds) {
   write("a.dds", make_levels(4, 4, 3, 1, 1), options);
   options.metadata.erase("envconv:frame");  // the usual one
   EXPECT_EQ(read("a.dds")->metadata, options.metadata);
+  // The size is left out before anything else, but not where there are gutters.
+  options.metadata["envconv:size"] = "1024";
+  write("a.dds", make_levels(4, 4, 3, 1, 1), options);
+  EXPECT_EQ(read("a.dds")->metadata, options.metadata);
+  options.metadata = longest;
+  options.metadata["envconv:size"] = "1024";
+  EXPECT_TRUE(write("a.dds", make_levels(4, 4, 3, 1, 1), options).warnings.empty());
+  EXPECT_EQ(read("a.dds")->metadata, longest);
+  options.metadata["envconv:seam"] = "gutter";
+  EXPECT_EQ(write("a.dds", make_levels(4, 4, 3, 1, 1), options).warnings.size(), 1u);
   options.metadata = {{"envconv:layout", std::string(41, 'x')}};
   EXPECT_EQ(write("a.dds", make_levels(4, 4, 3, 1, 1), options).warnings.size(), 1u);
   EXPECT_TRUE(read("a.dds")->metadata.empty());
