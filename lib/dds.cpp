@@ -79,8 +79,9 @@ struct NoteKey {
   const char* name;
   std::string_view usual;
 };
-constexpr NoteKey kNoteKeys[] = {{"envconv:layout", ""}, {"envconv:frame", "world"}, {"envconv:seam", "none"},
-                                 {"envconv:size", ""},   {"envconv:level", ""},      {"envconv:colorspace", ""}};
+constexpr NoteKey kNoteKeys[] = {{"envconv:layout", ""},    {"envconv:frame", "world"}, {"envconv:seam", "none"},
+                                 {"envconv:size", ""},      {"envconv:level", ""},      {"envconv:packing", "parts"},
+                                 {"envconv:colorspace", ""}};
 
 std::string pack_note(const Metadata& metadata, WriteReport& report) {
   if (!metadata.contains("envconv:layout")) return {};
@@ -109,7 +110,8 @@ void unpack_note(std::string_view note, Metadata& metadata) {
   note = note.substr(kMark.size());
   note = note.substr(0, note.find('\0'));
   for (const auto& [name, usual] : kNoteKeys) {
-    const bool last = name == std::end(kNoteKeys)[-1].name;  // the only one that may have a slash of its own
+    // The last one may have slashes of its own.
+    const bool last = std::string_view(name) == "envconv:colorspace";
     const std::string_view word = last ? note : note.substr(0, note.find('/'));
     if (!word.empty()) metadata[name] = std::string(word);
     if (word.size() == note.size()) break;

@@ -23,7 +23,7 @@ namespace envconv {
 Result<std::unique_ptr<Decoder>> open_dds(int fd, const DecoderOptions& options);
 
 /// Writes a cube map (six faces) or an array or, of one picture, neither, with a DX10 header.  Of the metadata, all
-/// but packing and rotation go into the header's reserved words, which readers skip, as far as there is room.  Errors:
+/// but the rotation goes into the header's reserved words, which readers skip, as far as there is room.  Errors:
 /// those of shape_of().
 Result<Ok> write_dds(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
                      const TextureCompression& compression, WriteReport& report);

@@ -241,6 +241,17 @@ class ThroughTheTool(Case):
         self.assertEqual(self.err.count("\n"), 1)
         self.assertEqual(self.files(), ["cut.ktx2", "in.exr"])
 
+    def test_a_folder_and_face_files(self):
+        self.run_tool("convert", "in.exr", "-o", "a.dds", "--size", 4)
+        self.path("out").mkdir()
+        self.run_tool("convert", "a.dds", "-o", "out/")
+        self.assertTrue(texture_reader.read(self.path("out/a.dds")).cube)
+        self.run_tool("convert", "in.exr", "-o", "f_{face}.dds", "--size", 4)
+        self.assertEqual(len(texture_reader.read(self.path("f_nz.dds")).levels[0]), 1)
+        self.run_tool("convert", "f_nz.dds", "-o", "b.exr", expect=3)
+        self.says("one face of the 6 of cube")
+        self.assertEqual(self.json("info", "f_{face}.dds")["layout"], "cube")
+
     def test_packings_make_one_picture(self):
         self.run_tool("convert", "in.exr", "-o", "cross.ktx2", "--packing", "cross", "--size", 8, "--type", "half")
         texture = texture_reader.read(self.path("cross.ktx2"))

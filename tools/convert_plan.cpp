@@ -27,7 +27,13 @@ std::string canonical(const std::string& path) {
   return error ? path : whole.string();
 }
 
-Result<Ok> fill_in(ConvertOptions& o) {
+// Files that keep faces apart: as --output says, or where it leaves the extension to them, as the inputs are.
+bool writes_containers(const ConvertOptions& o, const std::vector<std::string>& inputs) {
+  if (!o.output.ends_with('/') && !o.output.ends_with("{ext}")) return holds_faces(o.output);
+  return !inputs.empty() && std::ranges::all_of(inputs, holds_faces);
+}
+
+Result<Ok> fill_in(ConvertOptions& o, const std::vector<std::string>& inputs) {
   if (!o.layout) o.layout = find_layout("cube");
   if (!o.frame) o.frame = find_frame("world");
   if (o.size && o.texels) return usage("--size and --texels: only one of them can be given");
@@ -35,7 +41,7 @@ Result<Ok> fill_in(ConvertOptions& o) {
     // A name for every face asks for a file for every face.
     const Result<OutputName> name = OutputName::parse(o.output, false);
     const bool per_face = name && (name->uses("face") || name->uses("face_index"));
-    const bool apart = holds_faces(o.output) && o.layout->face_count() > 1 && faces_are_alike(*o.layout);
+    const bool apart = writes_containers(o, inputs) && o.layout->face_count() > 1 && faces_are_alike(*o.layout);
     o.packing = per_face ? find_packing("files") : apart ? find_packing("parts") : &default_packing(*o.layout);
   }
   if (!packs(*o.packing, *o.layout)) {
@@ -48,7 +54,7 @@ Result<Ok> fill_in(ConvertOptions& o) {
                                              joined(possible) + ")"};
   }
   const bool parts = o.packing->name == "parts";
-  if (parts && holds_faces(o.output) && !faces_are_alike(*o.layout)) {
+  if (parts && writes_containers(o, inputs) && !faces_are_alike(*o.layout)) {
     return Error{ErrorCode::unsupported, "--packing: faces of " + std::string(o.layout->name()) +
                                              " differ in size, which layers of one file cannot (choose " +
                                              std::string(default_packing(*o.layout).name) + ")"};
@@ -152,7 +158,7 @@ Result<Ok> check_outputs(const ConvertPlan& plan) {
 }  // namespace
 
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
-  ENVCONV_CHECK(fill_in(options));
+  ENVCONV_CHECK(fill_in(options, inputs));
   ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
   ConvertPlan plan{std::move(options), {}, {}};
   std::vector<std::string> first_files;
