@@ -1,6 +1,6 @@
 # Fuzz targets: envconv_fuzz(NAME FOLDER) for tests/fuzz/NAME.cpp.  As a test it runs over the files of
-# testdata/corpus/FOLDER.  Configured with -DENVCONV_FUZZ=ON and clang, it is a fuzzer as well:
-# build/NAME -max_len=4096 NEW_FOLDER testdata/corpus/FOLDER
+# testdata/corpus/FOLDER.  Configured with the preset fuzz, it is a fuzzer as well:
+# build-fuzz/NAME -max_len=4096 NEW_FOLDER testdata/corpus/FOLDER
 function(envconv_fuzz name folder)
   add_executable(${name}_replay tests/fuzz/${name}.cpp tests/fuzz/replay.cpp)
   target_link_libraries(${name}_replay PRIVATE libenvconv)
