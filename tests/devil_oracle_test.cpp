@@ -9,6 +9,7 @@
 #include <random>
 #include <string>
 
+#include "container_cases.h"
 #include "dds.h"
 
 namespace envconv {
@@ -19,7 +20,7 @@ constexpr int kSize = 8, kLevels = 4;
 struct Old {
   const char* name;
   std::uint32_t flags, code, bits;
-  std::uint32_t masks[4];
+  std::array<std::uint32_t, 4> masks;
   int texel_bytes;
 };
 constexpr Old kOld[] = {{"float", 4, 116, 0, {}, 16},
@@ -30,14 +31,7 @@ constexpr Old kOld[] = {{"float", 4, 116, 0, {}, 16},
 
 // A cube of noise.
 std::string file_of(const Old& old) {
-  ByteWriter out;
-  out.text("DDS ");
-  for (const std::uint32_t v : {124u, 0x21007u, 8u, 8u, 0u, 0u, 4u}) out.u32(v);
-  out.zeros(44);
-  for (const std::uint32_t v : {32u, old.flags, old.code, old.bits}) out.u32(v);
-  for (const std::uint32_t mask : old.masks) out.u32(mask);
-  for (const std::uint32_t v : {0x401008u, 0xFE00u, 0u, 0u, 0u}) out.u32(v);
-  std::string bytes = out.bytes();
+  std::string bytes = dds_header(kSize, kLevels, old.flags, old.code, old.bits, old.masks);
   std::mt19937 random(5);
   std::uniform_real_distribution<float> value(0, 1);
   int texels = 0;

@@ -15,6 +15,7 @@ endfunction()
 set(tests
   analyze_test
   color_test
+  container_damage_test
   container_test
   diamond_facts_test
   discrepancy_test
@@ -58,6 +59,7 @@ envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
 add_dependencies(container_test envconv_imageio)
+add_dependencies(container_damage_test envconv_imageio)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
   target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not
