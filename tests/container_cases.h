@@ -33,11 +33,10 @@ class Container : public testing::Test, protected TemporaryFolder {
     return report ? *report : WriteReport{};
   }
   // In this process, so that a sanitizer sees it.
-  Result<PictureFile> read(const std::string& file, int level = 0, std::int64_t max_pixels = 1 << 30) const {
+  Result<PictureFile> read(const std::string& file, int level = 0) const {
     ReadOptions options;
     options.trust_input = true;
     options.level = level;
-    options.max_pixels = max_pixels;
     return read_pictures(path(file), options);
   }
 };
