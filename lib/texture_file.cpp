@@ -109,7 +109,9 @@ Result<TextureShape> shape_of(std::span<const std::vector<Picture>> levels, bool
       if (Size{picture.image.width(), picture.image.height()} == size) continue;
       if (level == 0)
         return unsupported("its faces differ in size, which layers cannot (--packing grid can hold them)");
-      return Error{ErrorCode::internal, "a level whose pictures are not half the size of those of the one before"};
+      // Gutters do not shrink with their faces, nor do unfoldings of odd sizes.
+      return unsupported(
+          "its levels are not each half of the one before (write one file a level, with {mip} in its name)");
     }
   }
   if (cube && shape.size.width != shape.size.height) {

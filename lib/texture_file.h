@@ -51,7 +51,8 @@ struct TextureShape {
   bool cube = false;
 };
 
-/// The shape of what is to be written.  Error: internal, for levels that are no chain.
+/// The shape of what is to be written.  Errors: unsupported, for faces that differ in size and levels that do not
+/// halve.
 Result<TextureShape> shape_of(std::span<const std::vector<Picture>> levels, bool cube);
 
 /// What a reader found, beside the shape.

@@ -174,6 +174,11 @@ TEST_F(Container, WhatTheyCannotHold) {
   options.type = uint16;
   EXPECT_FALSE(can_write("a.ktx2", options, 6, 3));
   options.type = half;
+  Levels gutters = make_levels(8, 8, 3, 1, 2);
+  gutters[1][0] = make(6, 6, 3, 0, 1);
+  const auto other_levels = write_levels(path("a.dds"), gutters, options);
+  ASSERT_FALSE(other_levels);
+  EXPECT_EQ(other_levels.error().code, ErrorCode::unsupported);
   Levels uneven = make_levels(8, 8, 3, 2, 1);
   uneven[0][1] = make(4, 8, 3, 1, 0);
   const auto refused = write_levels(path("a.dds"), uneven, options);
