@@ -252,6 +252,15 @@ class ThroughTheTool(Case):
         self.says("one face of the 6 of cube")
         self.assertEqual(self.json("info", "f_{face}.dds")["layout"], "cube")
 
+    def test_whole_blocks(self):
+        self.run_tool("convert", "in.exr", "-o", "a.dds", "--type", "half")
+        size = texture_reader.read(self.path("a.dds")).levels[0][0].width
+        self.assertNotEqual(size % 4, 0, "the test needs another input")
+        self.run_tool("convert", "in.exr", "-o", "a.dds", "--type", "bc6h").is_silent()
+        self.assertEqual(texture_reader.read(self.path("a.dds")).levels[0][0].width, size + -size % 4)
+        self.run_tool("convert", "in.exr", "-o", "a.dds", "--type", "bc6h", "--size", 6)
+        self.says("multiples of 4")
+
     def test_packings_make_one_picture(self):
         self.run_tool("convert", "in.exr", "-o", "cross.ktx2", "--packing", "cross", "--size", 8, "--type", "half")
         texture = texture_reader.read(self.path("cross.ktx2"))

@@ -206,6 +206,9 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
   shape.height = o.size     ? o.size
                  : o.texels ? height_for_texels(*o.layout, o.texels)
                             : matching_height(*shape.source.layout, shape.source.height, *o.layout);
+  // Whole blocks, which Direct3D wants.
+  const bool chosen = o.size == 0 && o.texels == 0;
+  if (chosen && o.write.type_given && o.write.type == PixelType::bc6h) shape.height = (shape.height + 3) / 4 * 4;
   std::size_t texels = 0;
   for (int face = 0; face < o.layout->face_count(); ++face) {
     const Size size = face_size(*o.layout, face, shape.height);
