@@ -83,13 +83,15 @@ constexpr NoteKey kNoteKeys[] = {{"envconv:layout", ""},    {"envconv:frame", "w
                                  {"envconv:size", ""},      {"envconv:level", ""},      {"envconv:packing", "parts"},
                                  {"envconv:colorspace", ""}};
 
-std::string pack_note(const Metadata& metadata, WriteReport& report) {
+std::string pack_note(const Metadata& metadata, const TexelFormat& format, WriteReport& report) {
   if (!metadata.contains("envconv:layout")) return {};
+  const std::string_view usual_space = format.srgb ? kSrgbSpace : kLinearSpace;
   const auto note_without = [&](std::string_view left_out) {
     std::string note(kMark);
     for (const auto& [name, usual] : kNoteKeys) {
       const auto entry = metadata.find(name);
-      if (entry != metadata.end() && name != left_out && entry->second != usual) note += entry->second;
+      const bool is_usual = entry != metadata.end() && (entry->second == usual || entry->second == usual_space);
+      if (entry != metadata.end() && name != left_out && !is_usual) note += entry->second;
       note += '/';
     }
     note.erase(note.find_last_not_of('/') + 1);
@@ -395,9 +397,9 @@ Result<std::unique_ptr<Decoder>> open_dds(int fd, const DecoderOptions& options)
 Result<Ok> write_dds(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
                      const TextureCompression& compression, WriteReport& report) {
   ENVCONV_TRY(const TextureShape shape, shape_of(levels, options.cube));
-  const TexelFormat format = texel_format(report.type, options.encoding == Encoding::srgb);
+  const TexelFormat format = texel_format(report.type, stored_color(options, report.type).transfer == Transfer::srgb);
   const std::string header =
-      header_of(shape, format, pack_note(options.metadata, report), levels.front().front().channels.alpha >= 0);
+      header_of(shape, format, pack_note(options.metadata, format, report), levels.front().front().channels.alpha >= 0);
   file.write(header.data(), header.size());
   if (format.block() > 1 && (shape.size.width % 4 != 0 || shape.size.height % 4 != 0)) {
     report.warnings.push_back("Direct3D loads " + std::string(name_of(report.type)) +

@@ -152,7 +152,7 @@ Result<std::unique_ptr<Decoder>> open_ktx1(int fd, const DecoderOptions& options
 Result<Ok> write_ktx1(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
                       const TextureCompression& compression, WriteReport& report) {
   ENVCONV_TRY(const TextureShape shape, shape_of(levels, options.cube));
-  const TexelFormat format = texel_format(report.type, options.encoding == Encoding::srgb);
+  const TexelFormat format = texel_format(report.type, stored_color(options, report.type).transfer == Transfer::srgb);
   const bool alpha = levels.front().front().channels.alpha >= 0;
   Metadata more{{"KTXorientation", "S=r,T=d"}, {"KTXwriter", texture_writer()}};
   if (format.has_alpha() && !alpha) more["envconv:alpha"] = "opaque";

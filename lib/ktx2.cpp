@@ -148,6 +148,11 @@ class Ktx2Decoder final : public TextureDecoder {
     ENVCONV_TRY(const DescriptorFacts found, check_descriptor(bytes, facts_.format));
     facts_.format.srgb = found.srgb;
     facts_.premultiplied = found.premultiplied;
+    for (const Primaries& known : all_primaries()) {
+      if (known.khronos == 0 || static_cast<std::uint32_t>(known.khronos) != found.primaries) continue;
+      spec_.primaries = known.xy;
+      spec_.color_how = "data format descriptor";
+    }
     return Ok{};
   }
 
@@ -233,6 +238,13 @@ struct Level {
   std::uint64_t unpacked;
 };
 
+// BT.709 where nothing is said, 0 for those that have no code.
+std::uint32_t primaries_code(const ColorEncoding& color) {
+  if (!color.primaries) return 1;
+  const Primaries* known = find_primaries(*color.primaries);
+  return known ? static_cast<std::uint32_t>(known->khronos) : 0;
+}
+
 // Everything before the levels' data.
 std::string head_of(const TextureShape& shape, const TexelFormat& format, Supercompression scheme,
                     const std::vector<std::uint32_t>& descriptor, const std::string& pairs,
@@ -283,10 +295,11 @@ Result<std::unique_ptr<Decoder>> open_ktx2(int fd, const DecoderOptions& options
 Result<Ok> write_ktx2(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
                       const TextureCompression& compression, WriteReport& report) {
   ENVCONV_TRY(const TextureShape shape, shape_of(levels, options.cube));
-  const TexelFormat format = texel_format(report.type, options.encoding == Encoding::srgb);
+  const TexelFormat format = texel_format(report.type, stored_color(options, report.type).transfer == Transfer::srgb);
   const bool alpha = levels.front().front().channels.alpha >= 0;
   const std::vector<std::uint32_t> descriptor =
-      make_descriptor(format, alpha && format.has_alpha() && format.type != PixelType::uint8);
+      make_descriptor(format, alpha && format.has_alpha() && format.type != PixelType::uint8,
+                      primaries_code(stored_color(options, report.type)));
   Metadata more{{"KTXorientation", "rd"}, {"KTXwriter", texture_writer()}};
   if (format.has_alpha() && !alpha) more["envconv:alpha"] = "opaque";
   const std::string pairs = pack_key_values(options.metadata, more);

@@ -32,7 +32,6 @@ constexpr NumberedFormat kFormats[] = {
 enum : std::uint32_t {
   kModelRgbsda = 1,
   kModelBc6h = 133,
-  kPrimariesBt709 = 1,
   kTransferLinear = 1,
   kTransferSrgb = 2,
   kFlagPremultiplied = 1,
@@ -95,7 +94,7 @@ std::uint32_t type_size(const TexelFormat& format) {
   }
 }
 
-std::vector<std::uint32_t> make_descriptor(const TexelFormat& format, bool premultiplied) {
+std::vector<std::uint32_t> make_descriptor(const TexelFormat& format, bool premultiplied, std::uint32_t primaries) {
   const std::vector<Sample> samples = samples_of(format);
   const auto block_size = static_cast<std::uint32_t>(24 + 16 * samples.size());
   const bool blocks = format.block() > 1;
@@ -103,7 +102,7 @@ std::vector<std::uint32_t> make_descriptor(const TexelFormat& format, bool premu
   words.push_back(4 + block_size);
   words.push_back(0);  // Khronos, basic
   words.push_back(2u | block_size << 16);
-  words.push_back((blocks ? kModelBc6h : kModelRgbsda) | kPrimariesBt709 << 8 |
+  words.push_back((blocks ? kModelBc6h : kModelRgbsda) | primaries << 8 |
                   (format.srgb ? kTransferSrgb : kTransferLinear) << 16 |
                   (premultiplied ? kFlagPremultiplied : 0u) << 24);
   words.push_back(blocks ? 0x0303u : 0u);  // a block's size less one
@@ -142,6 +141,7 @@ Result<DescriptorFacts> check_descriptor(std::span<const std::uint8_t> bytes, co
                                        " of the data format specification, which is not supported"};
   }
   facts.srgb = transfer == kTransferSrgb || (transfer == 0 && format.srgb);
+  facts.primaries = word(3) >> 8 & 0xFF;
   facts.premultiplied = (word(3) >> 24 & kFlagPremultiplied) != 0;
   return facts;
 }

@@ -310,6 +310,26 @@ TEST_F(Container, OrderInKtx2) {
   EXPECT_EQ(word_at(bytes_of("b.ktx2"), 36), 1u);
 }
 
+// Codes of KHR_DF_PRIMARIES: BT.709 is 1, BT.2020 is 4.
+TEST_F(Container, PrimariesInKtx2) {
+  WriteOptions options;
+  const Levels levels = make_levels(4, 4, 3, 1, 1);
+  const auto code = [&] {
+    const std::string bytes = bytes_of("a.ktx2");
+    return word_at(bytes, word_at(bytes, 48) + 12) >> 8 & 0xFF;
+  };
+  write("a.ktx2", levels, options);
+  EXPECT_EQ(code(), 1u);
+  options.color.primaries = find_named_primaries("rec2020").xy;
+  options.color.transfer = Transfer::linear;
+  write("a.ktx2", levels, options);
+  EXPECT_EQ(code(), 4u);
+  EXPECT_EQ(read("a.ktx2")->color_encoding.primaries, options.color.primaries);
+  options.color.primaries->red_x = 0.5;  // nobody's
+  write("a.ktx2", levels, options);
+  EXPECT_EQ(code(), 0u);
+}
+
 TEST_F(Container, SizesInKtx) {
   WriteOptions options;
   options.type = r11g11b10f;
