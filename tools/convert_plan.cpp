@@ -182,7 +182,7 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
 }
 
 Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name) {
-  ENVCONV_CHECK(fill_in(options));
+  ENVCONV_CHECK(fill_in(options, {}));
   ENVCONV_TRY(const OutputName output, parse_output(options, 1));
   ConvertPlan plan;
   plan.options = std::move(options);
