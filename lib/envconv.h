@@ -14,6 +14,7 @@
 #include "layout.h"          // faces, direction, locate
 #include "luminance.h"       // how bright, and where
 #include "metrics.h"         // errors between environments
+#include "mip.h"             // levels
 #include "packing.h"         // faces in one image
 #include "pattern.h"         // test cards
 #include "recognize.h"       // files to environments

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include "assertion.h"
@@ -22,10 +23,17 @@ struct Interval {
   double at(double t) const { return lo + t * (hi - lo); }
 };
 
-// Extent of texel i in u; texels centred on an edge end there.
-Interval extent(int i, int n, Placement placement) {
-  return {std::max(0.0, u_from_texel(i - 0.5, n, placement)), std::min(1.0, u_from_texel(i + 0.5, n, placement))};
-}
+// A grid of cells, of which the owned parts count, or all.
+struct Grid {
+  const Layout& layout;
+  int face;
+  const double *u, *v;  // bounds of its columns and rows
+  bool owned_only;
+
+  Interval column(int i) const { return {u[i], u[i + 1]}; }
+  Interval row(int j) const { return {v[j], v[j + 1]}; }
+  bool cut_by_seams() const { return owned_only && layout.info().domain != Domain::square; }
+};
 
 double density(const Layout& layout, int face, double u, double v) {
   const DirectionJet jet = layout.direction_jet(face, u, v);
@@ -38,63 +46,125 @@ constexpr std::array<double, 4> nodes = {0.0694318442029737, 0.3300094782075719,
 constexpr std::array<double, 4> weights = {0.1739274225687269, 0.3260725774312731, 0.3260725774312731,
                                            0.1739274225687269};
 
-double integrate_smooth(const Layout& layout, int face, Interval u, Interval v) {
+// The same with three nodes: where both agree, neither met a crease.
+constexpr std::array<double, 3> fewer_nodes = {0.1127016653792583, 0.5, 0.8872983346207417};
+constexpr std::array<double, 3> fewer_weights = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+
+template <std::size_t n>
+double gauss(const Layout& layout, int face, Interval u, Interval v, const std::array<double, n>& at,
+             const std::array<double, n>& weight) {
   double sum = 0;
-  for (std::size_t j = 0; j < 4; ++j)
-    for (std::size_t i = 0; i < 4; ++i)
-      sum += weights[i] * weights[j] * density(layout, face, u.at(nodes[i]), v.at(nodes[j]));
+  for (std::size_t j = 0; j < n; ++j)
+    for (std::size_t i = 0; i < n; ++i) sum += weight[i] * weight[j] * density(layout, face, u.at(at[i]), v.at(at[j]));
   return sum * u.length() * v.length();
 }
 
-// Where a seam may cross: quarters, and at the bottom a polygon whose corners on the piece's edges are bisected.
-double integrate_owned(const Layout& layout, int face, Interval u, Interval v, int depth) {
-  int owned = 0;
-  for (const double s : {0.0, 0.5, 1.0})
-    for (const double t : {0.0, 0.5, 1.0}) owned += layout.owns(face, u.at(s), v.at(t)) ? 1 : 0;
-  if (owned == 0) return 0;
-  if (owned == 9) return integrate_smooth(layout, face, u, v);
-  if (depth > 0) {
-    const Interval ul{u.lo, u.at(0.5)}, ur{u.at(0.5), u.hi}, vt{v.lo, v.at(0.5)}, vb{v.at(0.5), v.hi};
-    return integrate_owned(layout, face, ul, vt, depth - 1) + integrate_owned(layout, face, ur, vt, depth - 1) +
-           integrate_owned(layout, face, ul, vb, depth - 1) + integrate_owned(layout, face, ur, vb, depth - 1);
+struct Point {
+  double s, t;
+};
+Point operator+(Point a, Point b) { return {a.s + b.s, a.t + b.t}; }
+Point operator-(Point a, Point b) { return {a.s - b.s, a.t - b.t}; }
+Point operator*(double k, Point a) { return {k * a.s, k * a.t}; }
+
+// Where the seam passes between a and b, only one of which is owned.
+template <class Owns>
+Point on_seam(Point a, Point b, const Owns& owns) {
+  const bool a_owned = owns(a);
+  for (int step = 0; step < 20; ++step) {
+    const Point middle = 0.5 * (a + b);
+    (owns(middle) == a_owned ? a : b) = middle;
   }
-  struct Point {
-    double s, t;
-  };
-  constexpr Point corners[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
-  std::array<Point, 8> polygon;
-  std::size_t n = 0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    Point a = corners[k], b = corners[(k + 1) % 4];
-    const auto owns = [&](Point p) { return layout.owns(face, u.at(p.s), v.at(p.t)); };
-    const bool a_owned = owns(a), b_owned = owns(b);
-    if (a_owned) polygon[n++] = a;
-    if (a_owned == b_owned) continue;
-    for (int step = 0; step < 16; ++step) {
-      const Point middle{0.5 * (a.s + b.s), 0.5 * (a.t + b.t)};
-      (owns(middle) == a_owned ? a : b) = middle;
-    }
-    polygon[n++] = {0.5 * (a.s + b.s), 0.5 * (a.t + b.t)};
-  }
-  double area = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    const Point a = polygon[k], b = polygon[(k + 1) % n];
-    area += 0.5 * (a.s * b.t - a.t * b.s);
-  }
-  return std::abs(area) * density(layout, face, u.at(0.5), v.at(0.5)) * u.length() * v.length();
+  return 0.5 * (a + b);
 }
 
-double integrate(const Layout& layout, int face, Interval u, Interval v, int depth) {
-  if (layout.info().domain != Domain::square) return integrate_owned(layout, face, u, v, depth);
-  // Small faces curve within a texel: pieces of at most 1/16 of the face.
-  const int nu = std::max(1, static_cast<int>(std::ceil(u.length() * 16 - 1e-9)));
-  const int nv = std::max(1, static_cast<int>(std::ceil(v.length() * 16 - 1e-9)));
-  double sum = 0;
-  for (int j = 0; j < nv; ++j)
-    for (int i = 0; i < nu; ++i)
-      sum += integrate_smooth(layout, face, {u.at(double(i) / nu), u.at(double(i + 1) / nu)},
-                              {v.at(double(j) / nv), v.at(double(j + 1) / nv)});
-  return sum;
+// A piece so small that the seam through it is a parabola: the polygon of its owned corners and the seam's two points
+// on its edges, and the segment between their chord and the seam, of area 2/3 chord x sagitta (Archimedes).  The
+// density is taken at the centre of gravity.
+double integrate_cut(const Layout& layout, int face, Interval u, Interval v) {
+  constexpr Point corners[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+  const auto owns = [&](Point p) { return layout.owns(face, u.at(p.s), v.at(p.t)); };
+  std::array<Point, 8> polygon;
+  std::array<Point, 4> crossings;
+  std::size_t n = 0, crossed = 0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Point a = corners[k], b = corners[(k + 1) % 4];
+    const bool a_owned = owns(a);
+    if (a_owned) polygon[n++] = a;
+    if (a_owned == owns(b)) continue;
+    polygon[n++] = crossings[crossed++] = on_seam(a, b, owns);
+  }
+  double area = 0;
+  Point moment{0, 0};
+  for (std::size_t k = 0; k < n; ++k) {
+    const Point a = polygon[k], b = polygon[(k + 1) % n];
+    const double triangle = 0.5 * (a.s * b.t - a.t * b.s);
+    area += triangle;
+    moment = moment + (triangle / 3) * (a + b);
+  }
+  if (!(area > 0)) return 0;
+  if (crossed == 2) {
+    const Point middle = 0.5 * (crossings[0] + crossings[1]), chord = crossings[1] - crossings[0];
+    const double width = std::hypot(chord.s, chord.t);
+    const Point inner = (1 / area) * moment - middle;  // towards what is owned
+    Point out{chord.t, -chord.s};
+    if (out.s * inner.s + out.t * inner.t > 0) out = -1.0 * out;
+    // The seam bulges one way or the other, by less than half the chord.
+    const double side = owns(middle) ? 0.5 : -0.5;
+    const Point far = middle + side * out;
+    if (width > 0 && owns(far) != owns(middle)) {
+      const Point top = on_seam(middle, far, owns);
+      const double sagitta = (side > 0 ? 1 : -1) * std::hypot(top.s - middle.s, top.t - middle.t);
+      const double segment = 2.0 / 3 * width * sagitta;
+      moment = moment + segment * (middle + 0.4 * (top - middle));
+      area += segment;
+    }
+  }
+  const Point centre = (1 / area) * moment;
+  return area * density(layout, face, u.at(centre.s), v.at(centre.t)) * u.length() * v.length();
+}
+
+constexpr double widest_piece = 1.0 / 16;  // of a face: faces of few texels curve within one
+constexpr double widest_cut = 1.0 / 128;   // where a seam passes
+constexpr int most_depth = 4;              // quarters of quarters of a small piece with a crease
+
+struct Quarters {
+  Interval left, right, top, bottom;
+  Quarters(Interval u, Interval v)
+      : left{u.lo, u.at(0.5)}, right{u.at(0.5), u.hi}, top{v.lo, v.at(0.5)}, bottom{v.at(0.5), v.hi} {}
+  template <class F>
+  double sum(const F& of) const {
+    return of(left, top) + of(right, top) + of(left, bottom) + of(right, bottom);
+  }
+};
+
+// Quarters until the integral is certain.
+double integrate_whole(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
+  if (std::max(u.length(), v.length()) <= widest_piece) {
+    const double whole = gauss(layout, face, u, v, nodes, weights);
+    if (depth == most_depth) return whole;
+    if (std::abs(gauss(layout, face, u, v, fewer_nodes, fewer_weights) - whole) <= 1e-6 * whole) return whole;
+    ++depth;
+  }
+  return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_whole(layout, face, a, b, depth); });
+}
+
+// Where a seam may cross: quarters, at least two times, and at the bottom the rule above.
+double integrate_owned(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
+  const double extent = std::max(u.length(), v.length());
+  if (extent <= widest_piece) {
+    int owned = 0;
+    for (const double s : {0.0, 0.5, 1.0})
+      for (const double t : {0.0, 0.5, 1.0}) owned += layout.owns(face, u.at(s), v.at(t)) ? 1 : 0;
+    if (owned == 0) return 0;
+    if (owned == 9) return integrate_whole(layout, face, u, v);
+    if (depth >= 2 && extent <= widest_cut) return integrate_cut(layout, face, u, v);
+  }
+  return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_owned(layout, face, a, b, depth + 1); });
+}
+
+double integrate(const Grid& grid, Interval u, Interval v) {
+  return grid.cut_by_seams() ? integrate_owned(grid.layout, grid.face, u, v)
+                             : integrate_whole(grid.layout, grid.face, u, v);
 }
 
 // Lagrange basis on the nodes.
@@ -108,34 +178,34 @@ std::array<double, 4> basis(double t) {
   return b;
 }
 
-// Integrals of the basis over texels a..a+n of a block's extent, in u.
-void basis_integrals(int a, int n, int size, Placement placement, Interval block, std::array<double, 4>* out) {
+// Integrals of the basis over n intervals of a block's extent.
+void basis_integrals(const double* bounds, int n, Interval block, std::array<double, 4>* out) {
   constexpr double half = 0.28867513459481287;  // two Gauss-Legendre nodes, exact for cubics
   for (int i = 0; i < n; ++i) {
-    const Interval texel = extent(a + i, size, placement);
-    const auto b0 = basis((texel.at(0.5 - half) - block.lo) / block.length());
-    const auto b1 = basis((texel.at(0.5 + half) - block.lo) / block.length());
-    for (std::size_t k = 0; k < 4; ++k) out[i][k] = 0.5 * (b0[k] + b1[k]) * texel.length();
+    const Interval cell{bounds[i], bounds[i + 1]};
+    const auto b0 = basis((cell.at(0.5 - half) - block.lo) / block.length());
+    const auto b1 = basis((cell.at(0.5 + half) - block.lo) / block.length());
+    for (std::size_t k = 0; k < 4; ++k) out[i][k] = 0.5 * (b0[k] + b1[k]) * cell.length();
   }
 }
 
-void block_solid_angles(const Layout& layout, int face, Size size, Placement placement, int x0, int y0, int nx, int ny,
-                        double* out, std::size_t stride) {
-  const Interval u{extent(x0, size.width, placement).lo, extent(x0 + nx - 1, size.width, placement).hi};
-  const Interval v{extent(y0, size.height, placement).lo, extent(y0 + ny - 1, size.height, placement).hi};
+void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double* out, std::size_t stride) {
+  const Layout& layout = grid.layout;
+  const int face = grid.face;
+  const Interval u{grid.u[x0], grid.u[x0 + nx]}, v{grid.v[y0], grid.v[y0 + ny]};
   // Bicubic density, wherever it agrees with the truth at points between its nodes and all of the block is owned.
   bool smooth = nx * ny > 16 && u.length() <= 0.13 && v.length() <= 0.13;
-  if (smooth && layout.info().domain != Domain::square)
+  if (smooth && grid.cut_by_seams())
     for (int k = 0; k < 25 && smooth; ++k) smooth = layout.owns(face, u.at(k % 5 / 4.0), v.at(k / 5 / 4.0));
   if (smooth) {
-    double grid[4][4];
+    double nodal[4][4];
     for (std::size_t j = 0; j < 4; ++j)
-      for (std::size_t i = 0; i < 4; ++i) grid[j][i] = density(layout, face, u.at(nodes[i]), v.at(nodes[j]));
+      for (std::size_t i = 0; i < 4; ++i) nodal[j][i] = density(layout, face, u.at(nodes[i]), v.at(nodes[j]));
     const auto interpolate = [&](double s, double t) {
       const auto bu = basis(s), bv = basis(t);
       double sum = 0;
       for (std::size_t j = 0; j < 4; ++j)
-        for (std::size_t i = 0; i < 4; ++i) sum += bv[j] * bu[i] * grid[j][i];
+        for (std::size_t i = 0; i < 4; ++i) sum += bv[j] * bu[i] * nodal[j][i];
       return sum;
     };
     for (const auto& [s, t] : {std::pair{0.02, 0.05}, {0.97, 0.03}, {0.5, 0.49}, {0.04, 0.96}, {0.95, 0.98}}) {
@@ -145,12 +215,12 @@ void block_solid_angles(const Layout& layout, int face, Size size, Placement pla
     if (smooth) {
       ENVCONV_ASSERT(nx <= most_block && ny <= most_block);
       std::array<double, 4> bu[most_block], bv[most_block];
-      basis_integrals(x0, nx, size.width, placement, u, bu);
-      basis_integrals(y0, ny, size.height, placement, v, bv);
+      basis_integrals(grid.u + x0, nx, u, bu);
+      basis_integrals(grid.v + y0, ny, v, bv);
       for (int y = 0; y < ny; ++y) {
         std::array<double, 4> column{};
         for (std::size_t j = 0; j < 4; ++j)
-          for (std::size_t i = 0; i < 4; ++i) column[i] += bv[y][j] * grid[j][i];
+          for (std::size_t i = 0; i < 4; ++i) column[i] += bv[y][j] * nodal[j][i];
         for (int x = 0; x < nx; ++x)
           out[static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x)] =
               column[0] * bu[x][0] + column[1] * bu[x][1] + column[2] * bu[x][2] + column[3] * bu[x][3];
@@ -163,19 +233,44 @@ void block_solid_angles(const Layout& layout, int face, Size size, Placement pla
     for (int k = 0; k < 4; ++k) {
       const int x = k % 2 * hx, y = k / 2 * hy, w = k % 2 ? nx - hx : hx, h = k / 2 ? ny - hy : hy;
       if (w > 0 && h > 0)
-        block_solid_angles(layout, face, size, placement, x0 + x, y0 + y, w, h,
+        block_solid_angles(grid, x0 + x, y0 + y, w, h,
                            out + static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x), stride);
     }
     return;
   }
-  const int depth = std::max(size.width, size.height) <= 64 ? 3 : 2;
   for (int y = 0; y < ny; ++y)
     for (int x = 0; x < nx; ++x)
       out[static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x)] =
-          integrate(layout, face, extent(x0 + x, size.width, placement), extent(y0 + y, size.height, placement), depth);
+          integrate(grid, grid.column(x0 + x), grid.row(y0 + y));
+}
+
+// The whole grid, in blocks.  The finer the cells, the more of them a polynomial of the same accuracy covers.
+void grid_solid_angles(const Grid& grid, int nx, int ny, double* out) {
+  const double cell = std::max((grid.u[nx] - grid.u[0]) / nx, (grid.v[ny] - grid.v[0]) / ny);
+  const int side = std::clamp(static_cast<int>(1 / (32 * std::max(cell, 1e-9))), solid_angle_block, most_block);
+  for (int y = 0; y < ny; y += side)
+    for (int x = 0; x < nx; x += side)
+      block_solid_angles(grid, x, y, std::min(side, nx - x), std::min(side, ny - y),
+                         out + static_cast<std::size_t>(y) * static_cast<std::size_t>(nx) + static_cast<std::size_t>(x),
+                         static_cast<std::size_t>(nx));
 }
 
 }  // namespace
+
+std::vector<double> texel_bounds(int n, Placement placement, int first, int count) {
+  std::vector<double> bounds;
+  bounds.reserve(static_cast<std::size_t>(count) + 1);
+  for (int i = first; i <= first + count; ++i)
+    bounds.push_back(std::clamp(u_from_texel(i - 0.5, n, placement), 0.0, 1.0));
+  return bounds;
+}
+
+void cell_solid_angles(const Layout& layout, int face, std::span<const double> u, std::span<const double> v,
+                       bool owned_only, double* out) {
+  ENVCONV_ASSERT(u.size() > 1 && v.size() > 1);
+  grid_solid_angles({layout, face, u.data(), v.data(), owned_only}, static_cast<int>(u.size()) - 1,
+                    static_cast<int>(v.size()) - 1, out);
+}
 
 void texel_solid_angles(const Layout& layout, int face, Size size, Placement placement, int x0, int y0, int nx, int ny,
                         double* out) {
@@ -190,13 +285,8 @@ void texel_solid_angles(const Layout& layout, int face, Size size, Placement pla
                 whole / (static_cast<double>(size.width) * size.height));
     return;
   }
-  // The larger the face, the more texels a polynomial of the same accuracy covers.
-  const int side = std::clamp(std::min(size.width, size.height) / 32, solid_angle_block, most_block);
-  for (int y = 0; y < ny; y += side)
-    for (int x = 0; x < nx; x += side)
-      block_solid_angles(layout, face, size, placement, x0 + x, y0 + y, std::min(side, nx - x), std::min(side, ny - y),
-                         out + static_cast<std::size_t>(y) * static_cast<std::size_t>(nx) + static_cast<std::size_t>(x),
-                         static_cast<std::size_t>(nx));
+  cell_solid_angles(layout, face, texel_bounds(size.width, placement, x0, nx),
+                    texel_bounds(size.height, placement, y0, ny), true, out);
 }
 
 namespace {

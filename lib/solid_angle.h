@@ -2,6 +2,7 @@
 // Solid angles of many texels at once.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "image.h"
@@ -17,6 +18,16 @@ inline constexpr int solid_angle_block = 16;
 /// where they don't (creases, seams).
 void texel_solid_angles(const Layout& layout, int face, Size size, Placement placement, int x0, int y0, int nx, int ny,
                         double* out);
+
+/// The same for the cells of any grid over a face: cell (x, y) spans [u[x], u[x+1]] x [v[y], v[y+1]], bounds ascending;
+/// out is [v.size() - 1][u.size() - 1].  With owned_only false seams don't count, and bounds may lie beyond [0,1].
+void cell_solid_angles(const Layout& layout, int face, std::span<const double> u, std::span<const double> v,
+                       bool owned_only, double* out);
+
+/// Bounds in u of `count` texels from `first` of n along one axis: count + 1 values in [0,1].  Texels centred on an
+/// edge end there.
+std::vector<double> texel_bounds(int n, Placement placement, int first, int count);
+inline std::vector<double> texel_bounds(int n, Placement placement) { return texel_bounds(n, placement, 0, n); }
 
 /// Means over the sphere of the channels' values and of their magnitudes, weighted by owned solid angle.  [channels]
 struct SphereMean {

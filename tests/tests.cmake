@@ -24,6 +24,7 @@ set(tests
   layout_facts_test
   layout_laws_test
   metrics_test
+  mip_test
   packing_test
   pattern_test
   recognize_test
