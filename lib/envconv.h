@@ -22,3 +22,4 @@
 #include "result.h"          // errors as values
 #include "sampler.h"         // radiance of a direction and a footprint
 #include "texel_figures.h"   // figures of texels at one size
+#include "seam.h"            // edges of faces

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "face_reader.h"
+#include "seam.h"
+#include "solid_angle.h"
+
+namespace envconv {
+namespace {
+
+constexpr int points_per_texel = 3;  // along an edge; one of them is a texel's centre
+constexpr int most_lines = 1024;     // of texels in which a seam inside a face is looked for, along each axis
+constexpr double step_over = 1e-6;   // how far beyond a seam its other side is asked for, in u
+
+// A difference among channels of radiance, and its tally.
+struct Tally {
+  double largest = 0, squares = 0;
+  std::int64_t count = 0;
+  void add(double difference) {
+    largest = std::max(largest, difference);
+    squares += difference * difference;
+    ++count;
+  }
+  void add(const Tally& other) {
+    largest = std::max(largest, other.largest);
+    squares += other.squares;
+    count += other.count;
+  }
+  double rms() const { return count ? std::sqrt(squares / static_cast<double>(count)) : 0; }
+};
+
+class Measure {
+ public:
+  Measure(const EnvImage& image, const std::vector<Image>& grown, int gutter)
+      : image_(image),
+        layout_(*image.layout),
+        faces_(grown.empty() ? image.faces : grown),
+        gutter_(grown.empty() ? 0 : gutter) {}
+
+  SeamError run() {
+    Tally seams, inside;
+    for (int f = 0; f < layout_.face_count(); ++f) {
+      for (int side = 0; side < 4; ++side) add_edge(f, side, seams);
+      if (layout_.info().domain != Domain::square) add_curves(f, seams);
+      add_inside(f, inside);
+    }
+    const SphereMean mean = sphere_mean(image_);
+    double brightness = 0;
+    int colours = 0;
+    for (int c = 0; c < image_.channels.count(); ++c)
+      if (c != image_.channels.alpha) brightness += mean.magnitude[static_cast<std::size_t>(c)], ++colours;
+    const double unit = brightness > 0 ? colours / brightness : 0;
+    return {seams.largest * unit, seams.rms() * unit, inside.largest * unit, inside.rms() * unit, seams.count};
+  }
+
+ private:
+  Size size_of(int f) const {
+    const Image& face = image_.faces[static_cast<std::size_t>(f)];
+    return {face.width(), face.height()};
+  }
+
+  void read(const Location& at, double* value) const {
+    const Size size = size_of(at.face);
+    read_clamped(faces_[static_cast<std::size_t>(at.face)], texel_from_u(at.u, size.width, image_.placement) + gutter_,
+                 texel_from_u(at.v, size.height, image_.placement) + gutter_, value);
+  }
+
+  double difference(const double* a, const double* b) const {
+    double largest = 0;
+    for (int c = 0; c < image_.channels.count(); ++c)
+      if (c != image_.channels.alpha) largest = std::max(largest, std::abs(a[c] - b[c]));
+    return largest;
+  }
+
+  // The point of a face that looks along d, near a guess: Newton's method on the sphere's tangents.
+  Location refined(Location at, Vec3 d) const {
+    const Location guess = at;
+    for (int step = 0; step < 4; ++step) {
+      const DirectionJet jet = layout_.direction_jet(at.face, at.u, at.v);
+      const double aa = dot(jet.du, jet.du), ab = dot(jet.du, jet.dv), bb = dot(jet.dv, jet.dv),
+                   det = aa * bb - ab * ab;
+      if (!(det > 1e-9 * aa * bb)) return guess;  // a singular point
+      const Vec3 rest = d - jet.d;
+      const double pa = dot(rest, jet.du), pb = dot(rest, jet.dv);
+      at.u += (bb * pa - ab * pb) / det, at.v += (aa * pb - ab * pa) / det;
+      if (!(std::abs(at.u - guess.u) + std::abs(at.v - guess.v) < 100 * step_over)) return guess;
+    }
+    return at;
+  }
+
+  // Both sides' reconstructions at a point of a face's edge of ownership; `out`: a point just beyond it.
+  void add_point(const Location& on, Vec3 out, Tally& tally) {
+    const Vec3 d = layout_.direction(on.face, on.u, on.v);
+    const Location other = refined(layout_.locate(out), d);
+    if (other.face == on.face && std::abs(other.u - on.u) + std::abs(other.v - on.v) < 1e-4) return;  // no seam
+    const auto channels = static_cast<std::size_t>(image_.channels.count());
+    a_.resize(channels), b_.resize(channels);
+    read(on, a_.data());
+    read(other, b_.data());
+    tally.add(difference(a_.data(), b_.data()));
+  }
+
+  void add_edge(int f, int side, Tally& tally) {
+    const Size size = size_of(f);
+    const int n = points_per_texel * (side < 2 ? size.height : size.width);
+    for (int k = 0; k < n; ++k) {
+      const double along = (k + 0.5) / n, edge = side % 2, in = edge > 0 ? 1 - step_over : step_over;
+      const auto at = [&](double across) { return side < 2 ? Location{f, across, along} : Location{f, along, across}; };
+      const Location inner = at(in), on = at(edge);
+      if (!layout_.owns(f, inner.u, inner.v)) continue;
+      const Vec3 d = layout_.direction(f, on.u, on.v), before = layout_.direction(f, inner.u, inner.v);
+      add_point(on, d + (d - before), tally);
+    }
+  }
+
+  // Where ownership changes along lines of texels.
+  void add_curves(int f, Tally& tally) {
+    const Size size = size_of(f);
+    for (const bool down : {false, true}) {
+      const int lines = down ? size.width : size.height, steps = 2 * (down ? size.height : size.width);
+      const int n = std::min(lines, most_lines) * points_per_texel;
+      for (int k = 0; k < n; ++k) {
+        const double along = (k + 0.5) / n;
+        const auto at = [&](double t) { return down ? Location{f, along, t} : Location{f, t, along}; };
+        const auto owns = [&](double t) { return layout_.owns(f, at(t).u, at(t).v); };
+        bool last = owns(step_over);
+        for (int s = 1; s <= steps; ++s) {
+          const double begin = std::max(step_over, (s - 1.0) / steps),
+                       end = std::min(1 - step_over, static_cast<double>(s) / steps);
+          const bool here = owns(end);
+          if (here != last) add_crossing(f, at, owns, last ? begin : end, last ? end : begin, tally);
+          last = here;
+        }
+      }
+    }
+  }
+
+  template <class At, class Owns>
+  void add_crossing(int f, const At& at, const Owns& owns, double in, double out, Tally& tally) {
+    for (int step = 0; step < 45; ++step) {
+      const double middle = 0.5 * (in + out);
+      (owns(middle) ? in : out) = middle;
+    }
+    const Location on = at(in), beyond = at(in + (out > in ? 1 : -1) * step_over);
+    add_point(on, layout_.direction(f, beyond.u, beyond.v), tally);
+  }
+
+  // Neighbouring texels that the layout owns.
+  void add_inside(int f, Tally& tally) const {
+    const Size size = size_of(f);
+    const Image& face = image_.faces[static_cast<std::size_t>(f)];
+    const bool whole = layout_.info().domain == Domain::square;
+    std::vector<Tally> rows(static_cast<std::size_t>(size.height));
+    tbb::parallel_for(0, size.height, [&](int y) {
+      const auto channels = static_cast<std::size_t>(face.channels());
+      std::vector<double> a(channels), b(channels);
+      const auto owns = [&](int x, int j) {
+        return whole || layout_.owns(f, u_from_texel(x, size.width, image_.placement),
+                                     u_from_texel(j, size.height, image_.placement));
+      };
+      for (int x = 0; x < size.width; ++x) {
+        if (!owns(x, y)) continue;
+        std::copy_n(face.at(x, y), channels, a.begin());
+        for (const auto& [i, j] : {std::pair{x + 1, y}, {x, y + 1}}) {
+          if (i >= size.width || j >= size.height || !owns(i, j)) continue;
+          std::copy_n(face.at(i, j), channels, b.begin());
+          rows[static_cast<std::size_t>(y)].add(difference(a.data(), b.data()));
+        }
+      }
+    });
+    for (const Tally& row : rows) tally.add(row);
+  }
+
+  const EnvImage& image_;
+  const Layout& layout_;
+  const std::vector<Image>& faces_;
+  int gutter_;
+  std::vector<double> a_, b_;
+};
+
+}  // namespace
+
+SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown, int gutter) {
+  return Measure(image, grown, gutter).run();
+}
+
+}  // namespace envconv
