@@ -403,6 +403,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   file.format = *format;
   file.compression = spec.compression;
   file.levels = spec.levels;
+  file.level = options.level;
   file.metadata = spec.metadata;
   const auto description = file.metadata.find("ImageDescription");
   if (description != file.metadata.end()) {

@@ -184,7 +184,21 @@ bool faces_are_alike(const Layout& layout) {
 
 bool packs(const Packing& packing, const Layout& layout) { return slots_of(packing).empty() || is_cube(layout); }
 
+namespace {
+Error too_large(const Layout& layout, const Packing& packing, int height) {
+  return {ErrorCode::limit, "a " + std::string(packing.name) + " of " + std::string(layout.name()) + " with faces " +
+                                std::to_string(height) + " texels high is too large for one image (use packing files)"};
+}
+}  // namespace
+
 Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, int height) {
+  if (height > tallest_face) return too_large(layout, packing, height);
+  std::vector<Size> faces;
+  for (int f = 0; f < layout.face_count(); ++f) faces.push_back(height < 1 ? Size{} : face_size(layout, f, height));
+  return packed_shape(layout, packing, faces);
+}
+
+Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, const std::vector<Size>& faces) {
   if (is_apart(packing))
     return Error{ErrorCode::unsupported,
                  "packing " + std::string(packing.name) + " is not one image (its faces are stored apart)"};
@@ -192,16 +206,13 @@ Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, i
     return Error{ErrorCode::unsupported, "packing " + std::string(packing.name) +
                                              " is for the six faces of a cube, not " + std::string(layout.name()) +
                                              " (use row, column or grid)"};
-  const auto too_large = [&] {
-    return Error{ErrorCode::limit, "a " + std::string(packing.name) + " of " + std::string(layout.name()) +
-                                       " with faces " + std::to_string(height) +
-                                       " texels high is too large for one image (use packing files)"};
-  };
+  ENVCONV_ASSERT(faces.size() == layout.info().faces.size());
+  const int height = faces[0].height;
   if (height < 1) return Error{ErrorCode::usage, "a face of height " + std::to_string(height) + " has no texels"};
-  if (height > tallest_face) return too_large();
+  if (height > tallest_face) return too_large(layout, packing, height);
 
   PackedShape shape;
-  shape.cells.resize(static_cast<std::size_t>(layout.face_count()));
+  shape.cells.resize(faces.size());
   std::int64_t width = 0, total_height = 0;
   if (const std::span<const Slot> slots = slots_of(packing); !slots.empty()) {
     for (const Slot& slot : slots) {
@@ -212,22 +223,21 @@ Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, i
       shape.cells[static_cast<std::size_t>(face)] = {static_cast<int>(x), static_cast<int>(y), {height, height}, turns};
     }
   } else {
-    int face = 0;
+    std::size_t face = 0;
     for (const int count : rows_of(layout, packing)) {
       std::int64_t x = 0;
       int row_height = 0;
       for (int k = 0; k < count; ++k, ++face) {
-        const Size size = face_size(layout, face, height);
-        shape.cells[static_cast<std::size_t>(face)] = {static_cast<int>(x), static_cast<int>(total_height), size, 0};
-        x += size.width;
-        row_height = std::max(row_height, size.height);
+        shape.cells[face] = {static_cast<int>(x), static_cast<int>(total_height), faces[face], 0};
+        x += faces[face].width;
+        row_height = std::max(row_height, faces[face].height);
       }
       width = std::max(width, x);
       total_height += row_height;
     }
   }
   constexpr std::int64_t most = std::numeric_limits<int>::max();
-  if (width > most || total_height > most) return too_large();
+  if (width > most || total_height > most) return too_large(layout, packing, height);
   shape.size = {static_cast<int>(width), static_cast<int>(total_height)};
   ENVCONV_ASSERT(std::ranges::all_of(shape.cells, [&](const Cell& cell) { return is_inside(cell, shape.size); }));
   return shape;
@@ -254,6 +264,11 @@ Result<Image> pack(const Layout& layout, const Packing& packing, std::vector<Ima
     return Error{ErrorCode::usage,
                  "the images are not the faces of one " + std::string(layout.name()) + " environment"};
   ENVCONV_TRY(const PackedShape shape, packed_shape(layout, packing, faces[0].height()));
+  return pack(shape, std::move(faces));
+}
+
+Image pack(const PackedShape& shape, std::vector<Image> faces) {
+  ENVCONV_ASSERT(faces.size() == shape.cells.size());
   if (faces.size() == 1) return std::move(faces[0]);
   const int channels = faces[0].channels();
   Image packed(shape.size.width, shape.size.height, channels);
@@ -282,12 +297,17 @@ Result<std::vector<Image>> unpack(const Layout& layout, const Packing& packing, 
     ENVCONV_CHECK(packed_shape(layout, packing, 1));  // a packing that is not one image, or not for this layout
     return Error{ErrorCode::input, misfit(layout, packing, size)};
   }
+  ENVCONV_TRY(const PackedShape shape, packed_shape(layout, packing, *height));
+  return unpack(shape, std::move(image));
+}
+
+std::vector<Image> unpack(const PackedShape& shape, Image image) {
+  ENVCONV_ASSERT(image.width() == shape.size.width && image.height() == shape.size.height);
   std::vector<Image> faces;
-  if (layout.face_count() == 1) {
+  if (shape.cells.size() == 1) {
     faces.push_back(std::move(image));
     return faces;
   }
-  ENVCONV_TRY(const PackedShape shape, packed_shape(layout, packing, *height));
   const int channels = image.channels();
   const auto pixel_bytes = static_cast<std::size_t>(channels) * sizeof(float);
   for (const Cell& cell : shape.cells) {

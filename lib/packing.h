@@ -52,12 +52,19 @@ bool is_cube_map(const Layout& layout);
 bool faces_are_alike(const Layout& layout);
 /// The shape of a packed image whose face 0 is `height` texels high.  `files` and `parts` have no packed image: error.
 Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, int height);
+/// The same for faces of other sizes than a height implies: small MIP levels, faces with gutters.  One size a face;
+/// those of a cross or of youtube are squares of one size.
+Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, const std::vector<Size>& faces);
 /// The height of face 0 for which the packed image is exactly `size`, if there is one.
 std::optional<int> height_from_packed_size(const Layout& layout, const Packing& packing, Size size);
 
 /// Faces to one image; pixels outside all cells become 0.  A single face is moved, not copied.
 Result<Image> pack(const Layout& layout, const Packing& packing, std::vector<Image> faces);
+/// The same into a shape that is known; faces must have the sizes of its cells.
+Image pack(const PackedShape& shape, std::vector<Image> faces);
 /// One image to faces; the inverse of pack.  A layout of one face takes the image as it is.
 Result<std::vector<Image>> unpack(const Layout& layout, const Packing& packing, Image image);
+/// The same from a shape that is known; the image must have its size.
+std::vector<Image> unpack(const PackedShape& shape, Image image);
 
 }  // namespace envconv

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "assertion.h"
+#include "mip.h"
 #include "texture_file.h"
 
 namespace envconv {
@@ -42,7 +43,15 @@ struct Recorded {
   const Packing* packing = nullptr;
   const Frame* frame = nullptr;
   Rotation rotation;
+  RecordedLevels levels;
 };
+
+// A whole number in [least, most], or 0.
+int parse_count(const std::string& text, int least, int most) {
+  int number = 0;
+  const std::from_chars_result r = std::from_chars(text.data(), text.data() + text.size(), number);
+  return r.ec == std::errc() && r.ptr == text.data() + text.size() && number >= least && number <= most ? number : 0;
+}
 
 bool parse(std::string_view words, Rotation& rotation) {
   const char *at = words.data(), *end = at + words.size();
@@ -76,6 +85,16 @@ Recorded read_metadata(const Metadata& metadata, std::vector<std::string>& warni
     else
       warnings.push_back("envconv:rotation is \"" + entry->second + "\", not three angles: ignored");
   }
+  if (const auto entry = metadata.find("envconv:seam"); entry != metadata.end()) {
+    if (const Result<Seam> seam = parse_seam(entry->second))
+      recorded.levels.seam = *seam;
+    else
+      warnings.push_back("envconv:seam is \"" + entry->second + "\", which is unknown: ignored");
+  }
+  if (const auto entry = metadata.find("envconv:size"); entry != metadata.end())
+    recorded.levels.height = parse_count(entry->second, 1, 1 << 24);
+  if (const auto entry = metadata.find("envconv:level"); entry != metadata.end())
+    recorded.levels.level = parse_count(entry->second, 0, 31);
   return recorded;
 }
 
@@ -429,6 +448,43 @@ Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& h
   return r;
 }
 
+// --- levels and gutters
+
+// The faces' sizes that the metadata implies.
+std::vector<Size> stored_sizes(const Layout& layout, const RecordedLevels& levels, int level) {
+  std::vector<Size> sizes;
+  for (int f = 0; f < layout.face_count(); ++f) {
+    Size size = level_size(face_size(layout, f, levels.height), level);
+    size.width += 2 * levels.seam.gutter(), size.height += 2 * levels.seam.gutter();
+    sizes.push_back(size);
+  }
+  return sizes;
+}
+
+// A file whose faces have other sizes than a height implies, if its metadata tells which and they are right.
+std::optional<Recognition> recognize_recorded_sizes(const PictureFile& file, const InputHints& hints,
+                                                    const Recorded& recorded, const Recognition& known) {
+  if (!recorded.layout || recorded.levels.height == 0) return std::nullopt;
+  const Layout& layout = *recorded.layout;
+  const int level = recorded.levels.level + file.level;
+  Recognition r = known;
+  r.layout = &layout;
+  r.packing = hints.packing ? hints.packing : recorded.packing ? recorded.packing : &default_packing(layout);
+  r.stored = stored_sizes(layout, recorded.levels, level);
+  r.height = r.stored[0].height - 2 * recorded.levels.seam.gutter();
+  r.how = "from its metadata (envconv:layout" + (level > 0 ? ", level " + std::to_string(level) : "") + ")";
+  if (file.pictures.size() > 1 || is_apart(*r.packing)) {
+    if (file.pictures.size() != r.stored.size()) return std::nullopt;
+    const std::vector<std::size_t> order = order_of(layout, file.pictures);
+    for (std::size_t f = 0; f < order.size(); ++f)
+      if (size_of(file.pictures[order[f]]) != r.stored[f]) return std::nullopt;
+    return r;
+  }
+  const Result<PackedShape> shape = packed_shape(layout, *r.packing, r.stored);
+  if (!shape || shape->size != size_of(file.pictures[0])) return std::nullopt;
+  return r;
+}
+
 }  // namespace
 
 Result<Recognition> recognize(const PictureFile& file, const InputHints& hints) {
@@ -438,6 +494,12 @@ Result<Recognition> recognize(const PictureFile& file, const InputHints& hints) 
   r.frame = hints.frame ? hints.frame : recorded.frame ? recorded.frame : find_frame("world");
   r.rotation = recorded.rotation;
   const Layout* known = hints.layout ? hints.layout : recorded.layout;
+  if (known && known == recorded.layout) {
+    r.seam = recorded.levels.seam;
+    if (std::optional<Recognition> found = recognize_recorded_sizes(file, hints, recorded, r)) return std::move(*found);
+    // Gutters of a size that is not recorded could be anywhere.
+    if (r.seam.gutter() > 0) r.seam = {};
+  }
   const bool wants_faces = hints.packing && is_apart(*hints.packing) && known && known->face_count() > 1;
   if (file.pictures.size() > 1 || wants_faces) return recognize_faces(file, hints, recorded, std::move(r));
   return recognize_one(file, hints, recorded, std::move(r));
@@ -453,7 +515,40 @@ std::vector<std::string> candidates(const PictureFile& file, const InputHints& h
   return names;
 }
 
-Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition) {
+Placement placement_of(const Recognition& recognition) { return placement_for(*recognition.layout, recognition.seam); }
+
+namespace {
+
+// The faces as they are stored.
+Result<std::vector<Image>> stored_faces(PictureFile& file, const Recognition& recognition) {
+  const Layout& layout = *recognition.layout;
+  if (!is_apart(*recognition.packing) && file.pictures.size() == 1) {
+    Image& image = file.pictures[0].image;
+    if (!recognition.stored.empty()) {
+      const Result<PackedShape> shape = packed_shape(layout, *recognition.packing, recognition.stored);
+      if (!shape || shape->size != Size{image.width(), image.height()})
+        return Error{ErrorCode::input, file.path + ": has not the size that was recognised"};
+      return unpack(*shape, std::move(image));
+    }
+    Result<std::vector<Image>> faces = unpack(layout, *recognition.packing, std::move(image));
+    if (!faces) return Error{faces.error().code, file.path + ": " + faces.error().message};
+    return faces;
+  }
+  if (file.pictures.size() != layout.info().faces.size())
+    return Error{ErrorCode::input, file.path + ": is not one picture for each face of " + text(layout.name())};
+  const std::vector<std::size_t> order = order_of(layout, file.pictures);
+  std::string wrong = recognition.stored.empty() ? wrong_face(layout, file.pictures) : "";
+  for (std::size_t f = 0; f < recognition.stored.size(); ++f)
+    if (size_of(file.pictures[order[f]]) != recognition.stored[f]) wrong = "its faces have not the sizes recognised";
+  if (!wrong.empty()) return Error{ErrorCode::input, file.path + ": " + wrong};
+  std::vector<Image> faces;
+  for (const std::size_t i : order) faces.push_back(std::move(file.pictures[i].image));
+  return faces;
+}
+
+}  // namespace
+
+Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition, std::vector<Image>* grown) {
   const Layout* layout = recognition.layout;
   if (!layout || !recognition.packing || !recognition.frame || file.pictures.empty())
     return Error{ErrorCode::usage, file.path + ": was not recognised"};
@@ -466,31 +561,30 @@ Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition
 
   EnvImage environment;
   environment.layout = layout;
-  environment.placement = layout->info().placement;
+  environment.placement = placement_of(recognition);
   environment.consumer_from_world = recognition.frame->consumer_from_world;
   environment.channels = channels;
-  if (!is_apart(*recognition.packing) && file.pictures.size() == 1) {
-    Result<std::vector<Image>> faces = unpack(*layout, *recognition.packing, std::move(file.pictures[0].image));
-    if (!faces) return Error{faces.error().code, file.path + ": " + faces.error().message};
-    environment.faces = std::move(*faces);
-    return environment;
+  ENVCONV_TRY(environment.faces, stored_faces(file, recognition));
+  if (recognition.seam.gutter() > 0) {
+    std::vector<Image> middle = without_gutters(environment.faces, recognition.seam.gutter());
+    if (grown) *grown = std::move(environment.faces);
+    environment.faces = std::move(middle);
   }
-  if (file.pictures.size() != layout->info().faces.size())
-    return Error{ErrorCode::input, file.path + ": is not one picture for each face of " + text(layout->name())};
-  if (const std::string wrong = wrong_face(*layout, file.pictures); !wrong.empty())
-    return Error{ErrorCode::input, file.path + ": " + wrong};
-  for (const std::size_t i : order_of(*layout, file.pictures))
-    environment.faces.push_back(std::move(file.pictures[i].image));
   return environment;
 }
 
-Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation) {
+Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation,
+                     const RecordedLevels& levels) {
   Metadata metadata{{"envconv:layout", text(layout.name())},
                     {"envconv:packing", text(packing.name)},
                     {"envconv:frame", text(frame.name)},
                     {"envconv:rotation", text(rotation.yaw) + "," + text(rotation.pitch) + "," + text(rotation.roll)}};
-  // These two layouts are OpenEXR's own pictures as they stand; another frame would turn or mirror them.
-  if (frame.name == "world") {
+  if (levels.seam.method != SeamMethod::none) metadata["envconv:seam"] = text_of(levels.seam);
+  if (levels.height > 0) metadata["envconv:size"] = std::to_string(levels.height);
+  if (levels.level > 0) metadata["envconv:level"] = std::to_string(levels.level);
+  // These two layouts are OpenEXR's own pictures as they stand; another frame would turn or mirror them, and gutters
+  // move them.
+  if (frame.name == "world" && levels.seam.gutter() == 0) {
     if (layout.name() == "latlong-inclusive") metadata["envmap"] = "latlong";
     if (layout.name() == "openexr-cube" && packing.name == "column") metadata["envmap"] = "cube";
   }

@@ -10,6 +10,7 @@
 #include "io.h"
 #include "packing.h"
 #include "result.h"
+#include "seam.h"
 
 namespace envconv {
 
@@ -26,8 +27,11 @@ struct Recognition {
   const Packing* packing = nullptr;
   const Frame* frame = nullptr;
   Rotation rotation;  ///< as the metadata records it; already in the pixels
-  int height = 0;     ///< of face 0
-  std::string how;    ///< "from its metadata (envconv:layout)", "2:1 is latlong" ...
+  int height = 0;     ///< of face 0, without gutters
+  Seam seam;          ///< as the metadata records it
+  /// Sizes of the faces as they are stored, where the height does not imply them: with gutters, or a MIP level.
+  std::vector<Size> stored;
+  std::string how;  ///< "from its metadata (envconv:layout)", "2:1 is latlong" ...
   std::vector<std::string> warnings;
 };
 
@@ -42,11 +46,23 @@ Result<Recognition> recognize(const PictureFile& file, const InputHints& hints);
 std::vector<std::string> candidates(const PictureFile& file, const InputHints& hints);
 
 /// The environment in a file; the file's pixels are moved.  Several files (one per face, in the layout's order) are
-/// given as one PictureFile of several pictures.
-Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition);
+/// given as one PictureFile of several pictures.  Gutters are cut off; `grown`, when not null, gets the faces with
+/// them.
+Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition, std::vector<Image>* grown = nullptr);
 
-/// The attributes that record an environment in a file (envconv:layout, -:packing, -:frame, -:rotation; envmap where
-/// its meaning holds exactly and the format is EXR).
-Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation);
+/// Where texel centres of a recognised file lie.
+Placement placement_of(const Recognition& recognition);
+
+/// What is recorded of an environment's seams and levels.
+struct RecordedLevels {
+  Seam seam;
+  int height = 0;  ///< of face 0 of level 0, without gutters; 0: not recorded, since the image's size implies it
+  int level = 0;   ///< of the file's first image
+};
+
+/// The attributes that record an environment in a file (envconv:layout, -:packing, -:frame, -:rotation; -:seam, -:size
+/// and -:level where there is something to tell; envmap where its meaning holds exactly and the format is EXR).
+Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation,
+                     const RecordedLevels& levels = {});
 
 }  // namespace envconv
