@@ -9,50 +9,30 @@
 #include <ImfIO.h>
 #include <ImfInputPart.h>
 #include <ImfMultiPartInputFile.h>
-#include <ImfMultiPartOutputFile.h>
-#include <ImfOutputFile.h>
-#include <ImfOutputPart.h>
 #include <ImfPartType.h>
 #include <ImfStandardAttributes.h>
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
 #include <ImfTiledInputPart.h>
-#include <half.h>
 #include <sys/stat.h>
-#include <tbb/parallel_for.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <bit>
 #include <cerrno>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <mutex>
-#include <set>
+
+#include "exr_shared.h"
 
 namespace envconv {
 namespace {
 
-constexpr char kStreamName[] = "the file";
-
 Error bad_input(std::string what) { return {ErrorCode::input, std::move(what)}; }
 
-// OpenEXR's messages begin with what it was doing, to which file, and end with the reason.
-std::string reason(const std::exception& error) {
-  std::string text = error.what();
-  const std::string name = std::string("\"") + kStreamName + "\". ";
-  const std::size_t at = text.rfind(name);
-  if (at != std::string::npos) text = text.substr(at + name.size());
-  while (!text.empty() && (text.back() == '.' || text.back() == '\n' || text.back() == ' ')) text.pop_back();
-  if (!text.empty()) text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));
-  return text;
-}
-
-Error damaged(const std::exception& error) { return bad_input("truncated or damaged: " + reason(error)); }
+Error damaged(const std::exception& error) { return bad_input("truncated or damaged: " + exr_reason(error)); }
 
 class FileStream final : public Imf::IStream {
  public:
@@ -102,28 +82,6 @@ class FileStream final : public Imf::IStream {
   std::uint64_t size_, position_ = 0, start_ = 0;
   std::size_t filled_ = 0;
   std::vector<char> buffer_;
-};
-
-class OutputStream final : public Imf::OStream {
- public:
-  explicit OutputStream(OutputFile& file) : OStream(kStreamName), file_(file) {}
-  void write(const char c[], int n) override { file_.write(c, static_cast<std::size_t>(std::max(n, 0))); }
-  std::uint64_t tellp() override { return file_.tell(); }
-  void seekp(std::uint64_t position) override { file_.seek(position); }
-
- private:
-  OutputFile& file_;
-};
-
-struct CompressionName {
-  const char* name;
-  Imf::Compression value;
-};
-constexpr CompressionName kCompressions[] = {
-    {"none", Imf::NO_COMPRESSION},   {"rle", Imf::RLE_COMPRESSION},   {"zip", Imf::ZIP_COMPRESSION},
-    {"zips", Imf::ZIPS_COMPRESSION}, {"piz", Imf::PIZ_COMPRESSION},   {"pxr24", Imf::PXR24_COMPRESSION},
-    {"b44", Imf::B44_COMPRESSION},   {"b44a", Imf::B44A_COMPRESSION}, {"dwaa", Imf::DWAA_COMPRESSION},
-    {"dwab", Imf::DWAB_COMPRESSION},
 };
 
 PixelType type_of(Imf::PixelType type) {
@@ -277,7 +235,8 @@ class ExrDecoder final : public Decoder {
         if (part.tiled && part.data.height() == target.height) {
           Imf::TiledInputPart tiles(*file_, picture);
           tiles.setFrameBuffer(frame);
-          tiles.readTiles(0, tiles.numXTiles() - 1, 0, tiles.numYTiles() - 1, 0);
+          const int level = part.level;
+          tiles.readTiles(0, tiles.numXTiles(level) - 1, 0, tiles.numYTiles(level) - 1, level);
         } else {
           Imf::InputPart lines(*file_, picture);
           lines.setFrameBuffer(frame);
@@ -317,7 +276,21 @@ class ExrDecoder final : public Decoder {
     Window data;
     std::vector<std::string> stored;
     bool tiled;
+    int level;                        // of a tiled part; 0 of others
     std::int64_t origin_x, origin_y;  // of the picture, in the data window's coordinates
+
+    // Makes the data window and the picture's size those of the level, whose origin is level 0's.  False where the
+    // picture is not the whole of it, or levels are not halved along both axes together.
+    bool reduce(const Imf::TileDescription& tiles, std::int64_t& width, std::int64_t& height) {
+      if (tiles.mode != Imf::MIPMAP_LEVELS || width != data.width() || height != data.height()) return false;
+      const auto halved = [&](std::int64_t n) {
+        const std::int64_t up = tiles.roundingMode == Imf::ROUND_UP ? (std::int64_t{1} << level) - 1 : 0;
+        return std::max<std::int64_t>(1, (n + up) >> level);
+      };
+      width = halved(width), height = halved(height);
+      data.x1 = data.x0 + width - 1, data.y1 = data.y0 + height - 1;
+      return true;
+    }
   };
 
   static Imf::FrameBuffer frame_buffer(const Part& part, float* base, std::int64_t x0, std::int64_t y0,
@@ -336,10 +309,11 @@ class ExrDecoder final : public Decoder {
   Result<Ok> add(int index, const DecoderOptions& options) {
     const Imf::Header& header = file_->header(index);
     if (header.hasType() && Imf::isDeepData(header.type())) return bad_input("deep images are not environment maps");
-    const Window data(header.dataWindow()), display(header.displayWindow());
+    Window data(header.dataWindow());
+    const Window display(header.displayWindow());
     if (data.width() < 1 || data.height() < 1) return bad_input("an empty image");
     PictureSpec picture;
-    Part part{data, {}, header.hasTileDescription(), data.x0, data.y0};
+    Part part{data, {}, header.hasTileDescription(), 0, data.x0, data.y0};
     std::int64_t width = data.width(), height = data.height();
     const bool same_size = width == display.width() && height == display.height();
     const bool ours = header.find("envconv:layout") != header.end();
@@ -371,7 +345,12 @@ class ExrDecoder final : public Decoder {
         return bad_input("truncated or damaged: it claims tiles of " + std::to_string(tiles.xSize) + "x" +
                          std::to_string(tiles.ySize) + " texels");
       }
-      if (index == 0) spec_.levels = level_count(tiles, data.width(), data.height());
+      const int levels = level_count(tiles, data.width(), data.height());
+      // The largest part's: smaller ones repeat their last.
+      spec_.levels = std::max(spec_.levels, levels);
+      part.level = std::clamp(options.level, 0, levels - 1);
+      if (part.level > 0 && !part.reduce(tiles, width, height))
+        return bad_input("its levels have overscan, or are halved along each axis apart, which is not supported");
     }
     if (!pick.left_out.empty()) {
       std::string list;
@@ -429,90 +408,6 @@ class ExrDecoder final : public Decoder {
   std::vector<Part> parts_;
 };
 
-struct Compression {
-  Imf::Compression value = Imf::ZIP_COMPRESSION;
-  bool has_level = false;
-  float level = 0;
-};
-
-Result<Compression> parse_compression(const std::string& text) {
-  Compression result;
-  if (text.empty()) return result;
-  const std::size_t colon = text.find(':');
-  const std::string name = text.substr(0, colon);
-  bool known = false;
-  for (const CompressionName& entry : kCompressions) {
-    if (name == entry.name) {
-      result.value = entry.value;
-      known = true;
-    }
-  }
-  const bool dwa = result.value == Imf::DWAA_COMPRESSION || result.value == Imf::DWAB_COMPRESSION;
-  const bool zip = result.value == Imf::ZIP_COMPRESSION || result.value == Imf::ZIPS_COMPRESSION;
-  if (known && colon != std::string::npos) {
-    const char* end = text.data() + text.size();
-    const auto parsed = std::from_chars(text.data() + colon + 1, end, result.level);
-    known = parsed.ec == std::errc() && parsed.ptr == end &&
-            ((dwa && result.level >= 0 && result.level <= 1e6f) || (zip && result.level >= 1 && result.level <= 9));
-    result.has_level = true;
-  }
-  if (!known) {
-    return Error{ErrorCode::unsupported, "OpenEXR has no compression \"" + printable(text) +
-                                             "\" (none rle zip[:1-9] zips[:1-9] piz pxr24 b44 b44a dwaa[:level] "
-                                             "dwab[:level])"};
-  }
-  return result;
-}
-
-// The attribute is defined for RGB in linear light.
-std::optional<Imf::Chromaticities> chromaticities_of(const ColorEncoding& color, const Channels& channels) {
-  if (color.transfer != Transfer::linear || !color.primaries || channels.count() < 3) return {};
-  if (channels.names[0] != "R" || channels.names[1] != "G" || channels.names[2] != "B") return {};
-  const std::array<double, 8> v = chromaticity_values(*color.primaries);
-  std::array<float, 8> f{};
-  std::transform(v.begin(), v.end(), f.begin(), [](double x) { return static_cast<float>(x); });
-  return Imf::Chromaticities({f[0], f[1]}, {f[2], f[3]}, {f[4], f[5]}, {f[6], f[7]});
-}
-
-struct Counts {
-  std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
-};
-
-// One value; counters are the caller's.
-Imath::half to_half(float v, std::int64_t& high, std::int64_t& nonfinite) {
-  constexpr float kMax = 65504.f;
-  if (!(std::abs(v) <= kMax)) {
-    if (std::isnan(v)) {
-      ++nonfinite;
-      return Imath::half(0.f);
-    }
-    if (std::isinf(v)) {
-      ++nonfinite;
-    } else if (std::abs(v) >= 65520.f) {
-      ++high;  // what is nearer rounds to the largest
-    }
-    return Imath::half(std::copysign(kMax, v));
-  }
-  return Imath::half(v);
-}
-
-std::uint32_t to_uint32(float v, std::int64_t& high, std::int64_t& negative, std::int64_t& nonfinite) {
-  constexpr std::uint32_t kMax = std::numeric_limits<std::uint32_t>::max();
-  if (std::isnan(v)) {
-    ++nonfinite;
-    return 0;
-  }
-  if (v < 0) {
-    ++(std::isinf(v) ? nonfinite : negative);
-    return 0;
-  }
-  if (v >= 4294967296.f) {
-    ++(std::isinf(v) ? nonfinite : high);
-    return kMax;
-  }
-  return static_cast<std::uint32_t>(std::min(std::rint(static_cast<double>(v)), static_cast<double>(kMax)));
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Decoder>> open_exr(int fd, const DecoderOptions& options) {
@@ -523,22 +418,6 @@ Result<std::unique_ptr<Decoder>> open_exr(int fd, const DecoderOptions& options)
   return std::unique_ptr<Decoder>(std::move(decoder));
 }
 
-Result<Ok> check_exr_compression(const std::string& compression) {
-  ENVCONV_CHECK(parse_compression(compression));
-  return Ok{};
-}
-
-bool exr_compression_is_lossy(const std::string& compression, PixelType type) {
-  const std::string name = compression.substr(0, compression.find(':'));
-  if (name == "pxr24") return type == PixelType::float32;
-  return name == "b44" || name == "b44a" || name == "dwaa" || name == "dwab";
-}
-
-void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to) {
-  std::int64_t ignored = 0;
-  for (std::size_t i = 0; i < count; ++i) to[i] = to_half(from[i], ignored, ignored).bits();
-}
-
 int exr_pool_threads() { return Imf::globalThreadCount(); }
 
 void set_exr_pool_threads(int count) {
@@ -546,132 +425,6 @@ void set_exr_pool_threads(int count) {
   static std::mutex mutex;
   const std::lock_guard lock(mutex);
   if (count > Imf::globalThreadCount() || count == 0) Imf::setGlobalThreadCount(count);
-}
-
-Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
-                     WriteReport& report) {
-  ENVCONV_TRY(const Compression compression, parse_compression(options.compression));
-  const Imf::PixelType type = report.type == PixelType::half     ? Imf::HALF
-                              : report.type == PixelType::uint32 ? Imf::UINT
-                                                                 : Imf::FLOAT;
-  const std::size_t element = type == Imf::HALF ? 2 : 4;
-  try {
-    int width = 1, height = 1;
-    for (const Picture& picture : pictures) {
-      width = std::max(width, picture.image.width());
-      height = std::max(height, picture.image.height());
-    }
-    std::vector<Imf::Header> headers;
-    std::set<std::string> names;
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      const Picture& picture = pictures[i];
-      // All parts of a file share a display window.
-      Imf::Header header(width, height);
-      header.dataWindow() = Imath::Box2i({0, 0}, {picture.image.width() - 1, picture.image.height() - 1});
-      header.compression() = compression.value;
-      if (compression.has_level) {
-        const bool dwa = compression.value == Imf::DWAA_COMPRESSION || compression.value == Imf::DWAB_COMPRESSION;
-        // DWA deflates too: its level must not become zlib's.
-        if (dwa) {
-          header.dwaCompressionLevel() = compression.level;
-        } else {
-          header.zipCompressionLevel() = static_cast<int>(compression.level);
-        }
-      }
-      if (const auto chromaticities = chromaticities_of(options.color, picture.channels)) {
-        Imf::addChromaticities(header, *chromaticities);
-      }
-      for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
-      for (const auto& [name, value] : options.metadata) {
-        if (name == "envmap") {
-          Imf::addEnvmap(header, value == "cube" ? Imf::ENVMAP_CUBE : Imf::ENVMAP_LATLONG);
-        } else {
-          header.insert(name, Imf::StringAttribute(value));
-        }
-      }
-      if (pictures.size() > 1) {
-        std::string name = picture.name.empty() ? "part" + std::to_string(i) : picture.name;
-        while (!names.insert(name).second) name += "_";
-        header.setName(name);
-        header.setType(Imf::SCANLINEIMAGE);
-      }
-      headers.push_back(std::move(header));
-    }
-    OutputStream stream(file);
-    std::unique_ptr<Imf::OutputFile> single;
-    std::unique_ptr<Imf::MultiPartOutputFile> multi;
-    if (pictures.size() == 1) {
-      single = std::make_unique<Imf::OutputFile>(stream, headers[0], Imf::globalThreadCount());
-    } else {
-      multi = std::make_unique<Imf::MultiPartOutputFile>(stream, headers.data(), static_cast<int>(headers.size()),
-                                                         false, Imf::globalThreadCount());
-    }
-    Counts counts;
-    std::vector<char> buffer;
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      const Picture& picture = pictures[i];
-      const Image& image = picture.image;
-      const auto channels = static_cast<std::size_t>(image.channels());
-      const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels;
-      std::unique_ptr<Imf::OutputPart> part;
-      if (multi) part = std::make_unique<Imf::OutputPart>(*multi, static_cast<int>(i));
-      // A band is a multiple of every codec's block of lines, and enough of them to keep all threads busy.
-      const int band =
-          std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
-      const bool convert = type != Imf::FLOAT;
-      if (convert) buffer.assign(row_values * element * static_cast<std::size_t>(std::min(band, image.height())), 0);
-      int lines = 0;
-      for (int y = 0; y < image.height(); y += band) {
-        const int rows = std::min(band, image.height() - y);
-        tbb::parallel_for(0, rows, [&](int row) {
-          const float* from = image.row(y + row);
-          std::int64_t high = 0, negative = 0, nonfinite = 0;
-          if (type == Imf::HALF) {
-            auto* to = reinterpret_cast<Imath::half*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
-            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_half(from[k], high, nonfinite);
-          } else if (type == Imf::UINT) {
-            auto* to = reinterpret_cast<std::uint32_t*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
-            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_uint32(from[k], high, negative, nonfinite);
-          } else {
-            for (std::size_t k = 0; k < row_values; ++k) nonfinite += !std::isfinite(from[k]);
-          }
-          counts.high += high;
-          counts.negative += negative;
-          counts.nonfinite += nonfinite;
-        });
-        const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
-        const std::size_t x_stride = channels * element, y_stride = row_values * element;
-        Imf::FrameBuffer frame;
-        for (std::size_t c = 0; c < channels; ++c) {
-          const std::uintptr_t origin =
-              reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
-          frame.insert(picture.channels.names[c],
-                       Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
-        }
-        if (single) {
-          single->setFrameBuffer(frame);
-          single->writePixels(rows);
-          lines = single->currentScanLine();
-        } else {
-          part->setFrameBuffer(frame);
-          part->writePixels(rows);
-          lines = part->currentScanLine();
-        }
-      }
-      // A codec that failed in another thread may leave no more than this behind.
-      if (lines != image.height()) return Error{ErrorCode::output, "OpenEXR did not write all lines"};
-    }
-    single.reset();
-    multi.reset();
-    report.clamped_high += counts.high;
-    report.clamped_negative += counts.negative;
-    report.nonfinite += counts.nonfinite;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::limit, "not enough memory to write it"};
-  } catch (const std::exception& error) {
-    return Error{ErrorCode::output, reason(error)};
-  }
-  return Ok{};
 }
 
 }  // namespace envconv
