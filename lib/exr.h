@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,7 @@
 
 namespace envconv {
 
-/// Reads scan lines and tiles, all parts, level 0.  Elements are always float32.
+/// Reads scan lines and tiles, all parts, one level.  Elements are always float32.
 Result<std::unique_ptr<Decoder>> open_exr(int fd, const DecoderOptions& options);
 
 /// The compression's name and level: "dwaa:45".  Error: unsupported, listing the names.
@@ -26,6 +27,11 @@ bool exr_compression_is_lossy(const std::string& compression, PixelType type);
 /// itself refuses: the file remembers its own errors.
 Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
                      WriteReport& report);
+
+/// The same with MIP levels, in tiles: each picture's levels halve, rounded down.  Levels that are missing until one
+/// texel is left are filled with means of the last.  Error: unsupported, where a level has another size.
+Result<Ok> write_exr_levels(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
+                            WriteReport& report);
 
 /// Rounds to half, clamped to its largest values; NaN becomes 0.
 void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to);

@@ -44,6 +44,8 @@ class OutputStream final : public Imf::OStream {
   OutputFile& file_;
 };
 
+constexpr unsigned tile_side = 64;
+
 struct Compression {
   Imf::Compression value = Imf::ZIP_COMPRESSION;
   bool has_level = false;
@@ -81,6 +83,11 @@ Result<Compression> parse_compression(const std::string& text) {
 
 struct Counts {
   std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
+  void add_to(WriteReport& report) const {
+    report.clamped_high += high;
+    report.clamped_negative += negative;
+    report.nonfinite += nonfinite;
+  }
 };
 
 // One value; counters are the caller's.
@@ -118,6 +125,129 @@ std::uint32_t to_uint32(float v, std::int64_t& high, std::int64_t& negative, std
   return static_cast<std::uint32_t>(std::min(std::rint(static_cast<double>(v)), static_cast<double>(kMax)));
 }
 
+// Values as the file has them; floats are only counted, and `to` may be null.
+void convert_values(const float* from, std::size_t count, Imf::PixelType type, char* to, Counts& counts) {
+  std::int64_t high = 0, negative = 0, nonfinite = 0;
+  if (type == Imf::HALF) {
+    auto* halves = reinterpret_cast<Imath::half*>(to);
+    for (std::size_t k = 0; k < count; ++k) halves[k] = to_half(from[k], high, nonfinite);
+  } else if (type == Imf::UINT) {
+    auto* integers = reinterpret_cast<std::uint32_t*>(to);
+    for (std::size_t k = 0; k < count; ++k) integers[k] = to_uint32(from[k], high, negative, nonfinite);
+  } else {
+    for (std::size_t k = 0; k < count; ++k) nonfinite += !std::isfinite(from[k]);
+  }
+  counts.high += high;
+  counts.negative += negative;
+  counts.nonfinite += nonfinite;
+}
+
+Imf::PixelType stored_type(const WriteReport& report) {
+  return report.type == PixelType::half ? Imf::HALF : report.type == PixelType::uint32 ? Imf::UINT : Imf::FLOAT;
+}
+
+// One header a picture.  With levels: tiles, halved and rounded down.
+std::vector<Imf::Header> make_headers(const std::vector<Picture>& pictures, const WriteOptions& options,
+                                      const Compression& compression, Imf::PixelType type, bool levels) {
+  int width = 1, height = 1;
+  for (const Picture& picture : pictures) {
+    width = std::max(width, picture.image.width());
+    height = std::max(height, picture.image.height());
+  }
+  std::vector<Imf::Header> headers;
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const Picture& picture = pictures[i];
+    // All parts of a file share a display window.
+    Imf::Header header(width, height);
+    header.dataWindow() = Imath::Box2i({0, 0}, {picture.image.width() - 1, picture.image.height() - 1});
+    header.compression() = compression.value;
+    if (compression.has_level) {
+      const bool dwa = compression.value == Imf::DWAA_COMPRESSION || compression.value == Imf::DWAB_COMPRESSION;
+      // DWA deflates too: its level must not become zlib's.
+      if (dwa) {
+        header.dwaCompressionLevel() = compression.level;
+      } else {
+        header.zipCompressionLevel() = static_cast<int>(compression.level);
+      }
+    }
+    for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
+    for (const auto& [name, value] : options.metadata) {
+      if (name == "envmap") {
+        Imf::addEnvmap(header, value == "cube" ? Imf::ENVMAP_CUBE : Imf::ENVMAP_LATLONG);
+      } else {
+        header.insert(name, Imf::StringAttribute(value));
+      }
+    }
+    if (pictures.size() > 1) {
+      std::string name = picture.name.empty() ? "part" + std::to_string(i) : picture.name;
+      while (!names.insert(name).second) name += "_";
+      header.setName(name);
+      header.setType(levels ? Imf::TILEDIMAGE : Imf::SCANLINEIMAGE);
+    }
+    if (levels) header.setTileDescription({tile_side, tile_side, Imf::MIPMAP_LEVELS, Imf::ROUND_DOWN});
+    headers.push_back(std::move(header));
+  }
+  return headers;
+}
+
+// Half the size, rounded down: means of 2x2 pixels, as they are.
+Image halved(const Image& image) {
+  Image out(std::max(1, image.width() / 2), std::max(1, image.height() / 2), image.channels());
+  for (int y = 0; y < out.height(); ++y)
+    for (int x = 0; x < out.width(); ++x)
+      for (int c = 0; c < image.channels(); ++c) {
+        float sum = 0;
+        for (const int j : {0, 1})
+          for (const int i : {0, 1})
+            sum += image.at(std::min(2 * x + i, image.width() - 1), std::min(2 * y + j, image.height() - 1))[c];
+        out.at(x, y)[c] = 0.25f * sum;
+      }
+  return out;
+}
+
+// Writes one level of a part; `Part` is a tiled file or a tiled part of one.
+template <class Part>
+void write_level(Part& part, int level, const Picture& names, const Image& image, Imf::PixelType type, Counts& counts) {
+  const auto channels = static_cast<std::size_t>(image.channels());
+  const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels;
+  const std::size_t element = type == Imf::HALF ? 2 : 4;
+  const bool convert = type != Imf::FLOAT;
+  std::vector<char> buffer(convert ? row_values * element * static_cast<std::size_t>(image.height()) : 0);
+  tbb::parallel_for(0, image.height(), [&](int y) {
+    char* to = convert ? buffer.data() + static_cast<std::size_t>(y) * row_values * element : nullptr;
+    convert_values(image.row(y), row_values, type, to, counts);
+  });
+  const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.data());
+  Imf::FrameBuffer frame;
+  for (std::size_t c = 0; c < channels; ++c)
+    frame.insert(names.channels.names[c],
+                 Imf::Slice(type, const_cast<char*>(base) + c * element, channels * element, row_values * element));
+  part.setFrameBuffer(frame);
+  part.writeTiles(0, part.numXTiles(level) - 1, 0, part.numYTiles(level) - 1, level);
+}
+
+// All levels of one picture.  OpenEXR's chain goes on until the packed image is one texel, which is further than a
+// chain of faces beside each other goes: what remains are means of the last level.
+template <class Part>
+Result<Ok> write_part_levels(Part& part, std::size_t picture, std::span<const std::vector<Picture>> levels,
+                             Imf::PixelType type, Counts& counts) {
+  Image tail;
+  for (int level = 0; level < part.numLevels(); ++level) {
+    const auto k = static_cast<std::size_t>(level);
+    const bool given = k < levels.size();
+    if (!given) tail = halved(tail.empty() ? levels.back()[picture].image : tail);
+    const Image& image = given ? levels[k][picture].image : tail;
+    if (image.width() != part.levelWidth(level) || image.height() != part.levelHeight(level))
+      return Error{ErrorCode::unsupported, "level " + std::to_string(level) + " is " + std::to_string(image.width()) +
+                                               "x" + std::to_string(image.height()) + ", where OpenEXR wants " +
+                                               std::to_string(part.levelWidth(level)) + "x" +
+                                               std::to_string(part.levelHeight(level))};
+    write_level(part, level, levels[0][picture], image, type, counts);
+  }
+  return Ok{};
+}
+
 }  // namespace
 
 Result<Ok> check_exr_compression(const std::string& compression) {
@@ -139,49 +269,10 @@ void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to) {
 Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
                      WriteReport& report) {
   ENVCONV_TRY(const Compression compression, parse_compression(options.compression));
-  const Imf::PixelType type = report.type == PixelType::half     ? Imf::HALF
-                              : report.type == PixelType::uint32 ? Imf::UINT
-                                                                 : Imf::FLOAT;
+  const Imf::PixelType type = stored_type(report);
   const std::size_t element = type == Imf::HALF ? 2 : 4;
   try {
-    int width = 1, height = 1;
-    for (const Picture& picture : pictures) {
-      width = std::max(width, picture.image.width());
-      height = std::max(height, picture.image.height());
-    }
-    std::vector<Imf::Header> headers;
-    std::set<std::string> names;
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
-      const Picture& picture = pictures[i];
-      // All parts of a file share a display window.
-      Imf::Header header(width, height);
-      header.dataWindow() = Imath::Box2i({0, 0}, {picture.image.width() - 1, picture.image.height() - 1});
-      header.compression() = compression.value;
-      if (compression.has_level) {
-        const bool dwa = compression.value == Imf::DWAA_COMPRESSION || compression.value == Imf::DWAB_COMPRESSION;
-        // DWA deflates too: its level must not become zlib's.
-        if (dwa) {
-          header.dwaCompressionLevel() = compression.level;
-        } else {
-          header.zipCompressionLevel() = static_cast<int>(compression.level);
-        }
-      }
-      for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
-      for (const auto& [name, value] : options.metadata) {
-        if (name == "envmap") {
-          Imf::addEnvmap(header, value == "cube" ? Imf::ENVMAP_CUBE : Imf::ENVMAP_LATLONG);
-        } else {
-          header.insert(name, Imf::StringAttribute(value));
-        }
-      }
-      if (pictures.size() > 1) {
-        std::string name = picture.name.empty() ? "part" + std::to_string(i) : picture.name;
-        while (!names.insert(name).second) name += "_";
-        header.setName(name);
-        header.setType(Imf::SCANLINEIMAGE);
-      }
-      headers.push_back(std::move(header));
-    }
+    const std::vector<Imf::Header> headers = make_headers(pictures, options, compression, type, false);
     OutputStream stream(file);
     std::unique_ptr<Imf::OutputFile> single;
     std::unique_ptr<Imf::MultiPartOutputFile> multi;
@@ -209,20 +300,8 @@ Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, con
       for (int y = 0; y < image.height(); y += band) {
         const int rows = std::min(band, image.height() - y);
         tbb::parallel_for(0, rows, [&](int row) {
-          const float* from = image.row(y + row);
-          std::int64_t high = 0, negative = 0, nonfinite = 0;
-          if (type == Imf::HALF) {
-            auto* to = reinterpret_cast<Imath::half*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
-            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_half(from[k], high, nonfinite);
-          } else if (type == Imf::UINT) {
-            auto* to = reinterpret_cast<std::uint32_t*>(buffer.data()) + static_cast<std::size_t>(row) * row_values;
-            for (std::size_t k = 0; k < row_values; ++k) to[k] = to_uint32(from[k], high, negative, nonfinite);
-          } else {
-            for (std::size_t k = 0; k < row_values; ++k) nonfinite += !std::isfinite(from[k]);
-          }
-          counts.high += high;
-          counts.negative += negative;
-          counts.nonfinite += nonfinite;
+          char* to = convert ? buffer.data() + static_cast<std::size_t>(row) * row_values * element : nullptr;
+          convert_values(image.row(y + row), row_values, type, to, counts);
         });
         const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
         const std::size_t x_stride = channels * element, y_stride = row_values * element;
@@ -248,9 +327,36 @@ Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, con
     }
     single.reset();
     multi.reset();
-    report.clamped_high += counts.high;
-    report.clamped_negative += counts.negative;
-    report.nonfinite += counts.nonfinite;
+    counts.add_to(report);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::limit, "not enough memory to write it"};
+  } catch (const std::exception& error) {
+    return Error{ErrorCode::output, exr_reason(error)};
+  }
+  return Ok{};
+}
+
+Result<Ok> write_exr_levels(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
+                            WriteReport& report) {
+  ENVCONV_TRY(const Compression compression, parse_compression(options.compression));
+  const Imf::PixelType type = stored_type(report);
+  const std::vector<Picture>& pictures = levels.front();
+  try {
+    const std::vector<Imf::Header> headers = make_headers(pictures, options, compression, type, true);
+    OutputStream stream(file);
+    Counts counts;
+    if (pictures.size() == 1) {
+      Imf::TiledOutputFile single(stream, headers[0], Imf::globalThreadCount());
+      ENVCONV_CHECK(write_part_levels(single, 0, levels, type, counts));
+    } else {
+      Imf::MultiPartOutputFile multi(stream, headers.data(), static_cast<int>(headers.size()), false,
+                                     Imf::globalThreadCount());
+      for (std::size_t i = 0; i < pictures.size(); ++i) {
+        Imf::TiledOutputPart part(multi, static_cast<int>(i));
+        ENVCONV_CHECK(write_part_levels(part, i, levels, type, counts));
+      }
+    }
+    counts.add_to(report);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to write it"};
   } catch (const std::exception& error) {

@@ -174,7 +174,7 @@ Result<std::unique_ptr<Decoder>> open_imageio(const std::string& format, int fd,
   auto raw = std::make_unique<EnvconvImageioSpec>();
   void* handle = nullptr;
   char error[1024] = "";
-  const int opened = module->open(format.c_str(), fd, raw.get(), &handle, error, sizeof error);
+  const int opened = module->open(format.c_str(), fd, options.level, raw.get(), &handle, error, sizeof error);
   if (opened != 1) return Error{ErrorCode::input, std::string(opened < 0 ? "" : "truncated or damaged: ") + error};
   struct Close {
     const EnvconvImageio* module;

@@ -98,6 +98,7 @@ struct Input {
   std::unique_ptr<oiio::ImageInput> in;
   oiio::ImageSpec spec;
   Type type{};
+  int level = 0;
 };
 
 // Not before a fork: the library makes a thread here and tells it to end, and in a process that is forked before it has
@@ -121,7 +122,8 @@ void prepare() {
   }
 }
 
-int open_file(const char* format, int fd, EnvconvImageioSpec* out, void** handle, char* error, std::size_t size) {
+int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, void** handle, char* error,
+              std::size_t size) {
   try {
     quiet();
     auto input = std::make_unique<Input>(fd);
@@ -161,7 +163,8 @@ int open_file(const char* format, int fd, EnvconvImageioSpec* out, void** handle
     if (kind == "tiff" || kind == "dds" || kind == "psd") {
       if (in.seek_subimage(1, 0)) pictures = 2;
       while (levels < 32 && in.seek_subimage(0, levels)) ++levels;
-      if (!in.seek_subimage(0, 0)) {
+      input->level = std::clamp(level, 0, levels - 1);
+      if (!in.seek_subimage(0, input->level)) {
         say(error, size, in.geterror());
         return 0;
       }
@@ -237,7 +240,7 @@ int read_file(void* handle, void* pixels, std::size_t bytes, char* error, std::s
       say(error, size, "the picture changed its size");
       return 0;
     }
-    const bool read = input.in->read_image(0, 0, 0, spec.nchannels, input.type.delivered, pixels);
+    const bool read = input.in->read_image(0, input.level, 0, spec.nchannels, input.type.delivered, pixels);
     // Some readers return success and leave the error for whoever asks.
     std::string text = input.in->geterror();
     const bool closed = input.in->close();

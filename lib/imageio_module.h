@@ -59,7 +59,9 @@ struct EnvconvImageio {
   void (*prepare)();
   /// Reads an open file, whose descriptor must outlive the handle, of a format named as the image library does.  -1:
   /// the file may be good, and cannot be read for the reason in `error`.
-  int (*open)(const char* format, int fd, EnvconvImageioSpec* spec, void** handle, char* error, std::size_t error_size);
+  /// `level`: the MIP level that the spec and read() speak of; the last where there are fewer.
+  int (*open)(const char* format, int fd, int level, EnvconvImageioSpec* spec, void** handle, char* error,
+              std::size_t error_size);
   /// `bytes` is the size of `pixels` and must be what the spec needs.
   int (*read)(void* handle, void* pixels, std::size_t bytes, char* error, std::size_t error_size);
   void (*close)(void* handle);

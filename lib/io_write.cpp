@@ -33,6 +33,8 @@ namespace {
 
 // --- formats that can be written -----------------------------------------------------------------------------------
 
+constexpr std::string_view level_hint = "write one file a level, with {mip} in its name, or .exr, .dds or .ktx2";
+
 struct Format {
   const char* extension;
   const char* name;              // the image library's
@@ -509,7 +511,8 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   Result<Ok> done = Ok{};
   if (std::string_view(format->name) == "openexr") {
     if (values > (1u << 18)) set_exr_pool_threads(thread_count(options.threads));
-    done = write_exr(file, pictures, options, report);
+    done = levels.size() > 1 ? write_exr_levels(file, levels, options, report)
+                             : write_exr(file, pictures, options, report);
   } else if (std::string_view(format->name) == "hdr") {
     done = write_hdr(file, pictures.front(), options, report);
   } else if (is_texture_file(format->name)) {
@@ -550,7 +553,9 @@ Result<Ok> can_write(const std::string& path, const WriteOptions& options, int p
     if (parts > 1 && !texture && std::string_view(format->name) != "openexr") {
       return on(path, ErrorCode::unsupported, "only EXR, DDS, KTX and KTX2 hold several pictures in a file");
     }
-    if (levels > 1 && !texture) return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels");
+    if (levels > 1 && !texture && std::string_view(format->name) != "openexr") {
+      return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels (" + std::string(level_hint) + ")");
+    }
     ENVCONV_CHECK(check_channels(path, *format, channels));
     ENVCONV_TRY(const PixelType type, type_for(path, *format, options));
     if (texture) {
