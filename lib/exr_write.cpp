@@ -18,6 +18,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <charconv>
 #include <cmath>
@@ -79,6 +80,16 @@ Result<Compression> parse_compression(const std::string& text) {
                                              "dwab[:level])"};
   }
   return result;
+}
+
+// The attribute is defined for RGB in linear light.
+std::optional<Imf::Chromaticities> chromaticities_of(const ColorEncoding& color, const Channels& channels) {
+  if (color.transfer != Transfer::linear || !color.primaries || channels.count() < 3) return {};
+  if (channels.names[0] != "R" || channels.names[1] != "G" || channels.names[2] != "B") return {};
+  const std::array<double, 8> v = chromaticity_values(*color.primaries);
+  std::array<float, 8> f{};
+  std::transform(v.begin(), v.end(), f.begin(), [](double x) { return static_cast<float>(x); });
+  return Imf::Chromaticities({f[0], f[1]}, {f[2], f[3]}, {f[4], f[5]}, {f[6], f[7]});
 }
 
 struct Counts {
@@ -170,6 +181,9 @@ std::vector<Imf::Header> make_headers(const std::vector<Picture>& pictures, cons
       } else {
         header.zipCompressionLevel() = static_cast<int>(compression.level);
       }
+    }
+    if (const auto chromaticities = chromaticities_of(options.color, picture.channels)) {
+      Imf::addChromaticities(header, *chromaticities);
     }
     for (const std::string& name : picture.channels.names) header.channels().insert(name, Imf::Channel(type));
     for (const auto& [name, value] : options.metadata) {

@@ -44,10 +44,10 @@ struct PictureFile {
   std::string color_how;          ///< how that is known: "chromaticities", "gAMA", "integers are taken for sRGB" ...
   bool as_stored = false;         ///< no curve was taken off: asked for, or values of a space recorded by name
   int levels = 1;                 ///< MIP levels in the file
-  int level = 0;                  ///< the one that was read
   std::vector<Picture> pictures;  ///< of the level asked for
   Metadata metadata;
   std::vector<std::string> warnings;  ///< one line each: overscan cropped, channels left out ...
+  int level = 0;                      ///< the one that was read
 };
 
 /// How to read.

@@ -10,6 +10,7 @@ namespace envconv {
 
 /// What kind of thing went wrong.  The numbers are the tool's exit statuses (envconv(1), EXIT STATUS).
 enum class ErrorCode {
+  threshold = 1,    ///< a limit that was asked for is not kept; nothing else failed
   usage = 2,        ///< the request itself is wrong; nothing was read
   input = 3,        ///< an input is missing, unreadable, damaged or not what it was said to be
   output = 4,       ///< an output could not be written; no partial file is left

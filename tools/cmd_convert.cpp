@@ -78,7 +78,7 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Output",
       text_option("-o,--output", "PATH", o.output,
                   "file to write, or a template with fields {dir} {stem} {ext} (of the input) {layout} {face} "
-                  "{face_index} {size} {index}, or a folder with '/' at its end"));
+                  "{face_index} {size} {mip} {index}, or a folder with '/' at its end"));
   add("Output", layout_option("--to", o.layout, "layout of the output"), "cube");
   add("Output",
       packing_option("--packing", o.packing,
@@ -96,6 +96,7 @@ void add_options(Command& command, ConvertOptions& o) {
                   "effort, fast, normal or best, after a comma where both are given"),
       "the format's usual");
   add("Output", switch_option("--verify", o.write.verify, "read each output back before it takes its name"));
+  add_level_options(command, o.levels);
   add_input_options(command, o.input);
   add("Pixels", rotate_option(o.rotation), "0,0,0");
   add("Pixels", filter_option(o.filter), "auto");
@@ -131,6 +132,8 @@ ordered_json json_of(const ConvertPlan& plan, const Job& job, const Shape* shape
                      {"height", shape->faces[i].height}});
   }
   json["faces"] = faces;
+  json["levels"] = shape->levels;
+  json["seam"] = text_of(plan.options.levels.seam);
   json["source"] = {{"layout", shape->source.layout->name()},
                     {"packing", shape->source.packing->name},
                     {"frame", shape->source.frame->name},
@@ -152,8 +155,9 @@ std::string sentence(const ConvertPlan& plan, const Job& job, const Shape& shape
          "x" + std::to_string(shape.image.height) + ", " + shape.source.how + ", " + shape.color.text + ", to " +
          std::string(plan.options.layout->name()) + ", " + std::to_string(shape.faces.size()) +
          (shape.faces.size() == 1 ? " face" : " faces") + " of " + std::to_string(shape.faces.front().width) + "x" +
-         std::to_string(shape.faces.front().height) + ", as " + std::string(plan.options.packing->name) + ": " +
-         job.output;
+         std::to_string(shape.faces.front().height) +
+         (shape.levels > 1 ? ", " + std::to_string(shape.levels) + " levels" : "") + ", as " +
+         std::string(plan.options.packing->name) + ": " + job.output;
 }
 
 int print_plan(const ConvertPlan& plan) {
@@ -216,6 +220,7 @@ int run_plan(const ConvertPlan& plan) {
         } else {
           json["type"] = name_of(outcome->type);
           json["colorspace"] = outcome->color.empty() ? ordered_json() : ordered_json(outcome->color);
+          if (outcome->seam) json["seam_error"] = {{"largest", outcome->seam->error}, {"level", outcome->seam->level}};
         }
       }
       json["seconds"] = seconds;

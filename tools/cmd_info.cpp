@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // envconv info: what a file is, and what is in it.
+#include <array>
 #include <memory>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "color_options.h"
 #include "image.h"
@@ -20,7 +22,7 @@ struct InfoOptions {
   InputOptions input;
   ColorOptions color;
   int threads = 0;
-  bool json = false;
+  bool seams = false, json = false;
 };
 
 // All that is told of one file.
@@ -35,6 +37,7 @@ struct Facts {
   SourceColor color;
   std::vector<double> mean;
   LuminanceStatistics luminance;
+  std::optional<SeamError> seams;
   std::vector<std::string> warnings;
 };
 
@@ -75,13 +78,16 @@ Result<Facts> collect(const InfoOptions& o, const ColorPlan& color, const std::s
   facts.file.compression = pixels.compression;
   facts.file.color = pixels.color;
   facts.file.levels = pixels.levels;
+  facts.file.level = pixels.level;
   facts.file.metadata = pixels.metadata;
   facts.file.pictures.clear();
   for (const Picture& picture : pixels.pictures) {
     facts.file.pictures.push_back({picture.name, {}, picture.channels, picture.type});
   }
-  ENVCONV_TRY(const EnvImage image, to_environment(std::move(pixels), facts.recognition));
+  std::vector<Image> grown;
+  ENVCONV_TRY(const EnvImage image, to_environment(std::move(pixels), facts.recognition, &grown));
   facts.mean = mean_radiance(image);
+  if (o.seams) facts.seams = seam_error(image, grown, facts.recognition.seam.gutter());
   if (has_color(image.channels)) {
     ENVCONV_TRY(facts.luminance, luminance_statistics(image, facts.color.working_primaries.value_or(rec709())));
   }
@@ -132,6 +138,28 @@ std::vector<std::pair<std::string, std::string>> luminance_lines(const Facts& f)
           {"range", text(l.stops()) + " stops, " + text(l.usual_stops()) + " of them in the middle 98% of the sphere"}};
 }
 
+// Size of a face as it is stored.
+Size stored_size(const Recognition& r, int face) {
+  return r.stored.empty() ? face_size(*r.layout, face, r.height) : r.stored[static_cast<std::size_t>(face)];
+}
+
+// Along both axes of the first face.
+std::array<LookupScale, 2> lookup_scales(const Recognition& r) {
+  const Size size = stored_size(r, 0);
+  const auto axis = [&](int n) { return lookup_scale(n, placement_of(r), r.seam.gutter()); };
+  return {axis(size.width), axis(size.height)};
+}
+
+bool is_scaled(const Recognition& r) { return placement_of(r) != Placement::centre || r.seam.gutter() > 0; }
+
+std::string lookup_text(const Recognition& r) {
+  const auto axis = [](const char* name, const LookupScale& l) {
+    return std::string(name) + " * " + number_text(l.scale, 9) + " + " + number_text(l.offset, 9);
+  };
+  const auto [u, v] = lookup_scales(r);
+  return axis("u", u) + ", " + axis("v", v);
+}
+
 ordered_json json_of(const std::string& name, const Facts& f) {
   const Picture& first = f.file.pictures.front();
   const Recognition& r = f.recognition;
@@ -146,6 +174,7 @@ ordered_json json_of(const std::string& name, const Facts& f) {
   json["width"] = f.sizes.front().width;
   json["height"] = f.sizes.front().height;
   json["levels"] = f.file.levels;
+  json["level"] = f.file.level;
   json["parts"] = f.file.pictures.size();
   json["layout"] = f.recognised ? ordered_json(r.layout->name()) : ordered_json();
   if (!f.candidates.empty()) json["candidates"] = f.candidates;
@@ -157,12 +186,22 @@ ordered_json json_of(const std::string& name, const Facts& f) {
     json["size"] = r.height;
     ordered_json faces = ordered_json::array();
     for (int i = 0; i < r.layout->face_count(); ++i) {
-      const Size size = face_size(*r.layout, i, r.height);
+      const Size size = stored_size(r, i);
       faces.push_back({{"name", r.layout->info().faces[static_cast<std::size_t>(i)].name},
                        {"width", size.width},
                        {"height", size.height}});
     }
     json["faces"] = faces;
+    json["seam"] = text_of(r.seam);
+    const auto [u, v] = lookup_scales(r);
+    json["lookup"] = {{"scale", {u.scale, v.scale}}, {"offset", {u.offset, v.offset}}};
+    if (f.seams) {
+      json["seams"] = {{"largest", f.seams->largest},
+                       {"rms", f.seams->rms},
+                       {"inside_largest", f.seams->inside_largest},
+                       {"inside_rms", f.seams->inside_rms},
+                       {"points", f.seams->points}};
+    }
   }
   ordered_json channels = ordered_json::array();
   for (std::size_t c = 0; c < f.statistics.size() && c < first.channels.names.size(); ++c) {
@@ -197,10 +236,17 @@ std::string text_of(const std::string& name, const Facts& f) {
       line("rotation", number_text(r.rotation.yaw, 9) + "," + number_text(r.rotation.pitch, 9) + "," +
                            number_text(r.rotation.roll, 9) + " degrees, in the pixels already");
     }
-    const Size size = face_size(*r.layout, 0, r.height);
+    const Size size = stored_size(r, 0);
     line("faces", std::to_string(r.layout->face_count()) + " of " + std::to_string(size.width) + "x" +
                       std::to_string(size.height) + (r.layout->info().faces.size() > 1 ? " (the first)" : ""));
     line("size", std::to_string(r.height));
+    if (r.seam.method != SeamMethod::none) line("seam", text_of(r.seam));
+    if (is_scaled(r)) line("lookup", lookup_text(r) + ", clamped bilinear");
+    if (f.seams) {
+      line("seam error", number_text(f.seams->largest, 4) + " at most, " + number_text(f.seams->rms, 4) +
+                             " rms, of the mean; inside faces " + number_text(f.seams->inside_largest, 4) + " and " +
+                             number_text(f.seams->inside_rms, 4) + " over a texel");
+    }
   } else if (!f.candidates.empty()) {
     const std::vector<std::string_view> names(f.candidates.begin(), f.candidates.end());
     line("layout", "could be any of " + joined(names) + " (say which with --from)");
@@ -209,7 +255,7 @@ std::string text_of(const std::string& name, const Facts& f) {
   }
   line("image", std::to_string(f.sizes.front().width) + "x" + std::to_string(f.sizes.front().height) +
                     (f.sizes.size() > 1 ? ", " + std::to_string(f.sizes.size()) + " pictures" : ""));
-  line("levels", std::to_string(f.file.levels));
+  line("levels", std::to_string(f.file.levels) + (f.file.level > 0 ? ", read: " + std::to_string(f.file.level) : ""));
   std::string channels;
   for (const std::string& channel : first.channels.names) channels += (channels.empty() ? "" : " ") + channel;
   line("channels", channels);
@@ -290,6 +336,12 @@ Command info_command() {
                   .reads_files = true};
   add_input_options(command, options->input);
   add_config_option(command, options->color, "Input");
+  command.options.push_back(in_group(
+      switch_option("--seams", options->seams,
+                    "measure the seam error: the largest and the root-mean-square difference between the two sides' "
+                    "clamped bilinear reconstructions along all seams, of the mean radiance, beside steps of one texel "
+                    "inside faces"),
+      "General"));
   command.options.push_back(in_group(
       switch_option("--json", options->json, "one JSON object on stdout, or an array of them for several files"),
       "General"));

@@ -138,8 +138,13 @@ Result<Ok> draw(PatternCommand& c, const std::string& kind) {
   ENVCONV_TRY(EnvImage image, make_pattern(p));
   Outcome outcome;
   const Job& job = plan.jobs.front();
-  const WriteOptions write = write_options(o, job, o.rotation, PixelType::float32, image.channels.count());
-  ENVCONV_CHECK(write_files(plan, job, write, std::move(image), outcome));
+  outcome.shape.height = p.height;
+  outcome.shape.channels = image.channels.count();
+  const LevelPlace place = level_place(plan, job);
+  outcome.shape.levels = levels_to_make(o.levels, place, p.height);
+  const WriteOptions write = write_options(plan, job, outcome.shape, o.rotation, PixelType::float32);
+  ENVCONV_TRY(std::vector<EnvImage> levels, make_levels(o.levels, place, std::move(image), o.threads));
+  ENVCONV_CHECK(write_files(plan, job, write, std::move(levels), outcome));
   for (const std::string& warning : outcome.warnings) warn(job.output, warning);
   remark(kind + ": " + std::string(o.layout->name()) + ", size " + std::to_string(p.height) + ": " + job.output);
   return Ok{};

@@ -16,10 +16,11 @@ namespace envconv::tool {
 struct Option {
   std::string names{};                      ///< "-o,--output"
   std::string value{};                      ///< what stands for the value: "PATH"; empty for a switch
+  std::string optional_value{};             ///< of a switch that may have one after an equals sign: "N"
   std::string help{};                       ///< a phrase, or sentences, without a full stop at the end
   std::string initial{};                    ///< the default as a person reads it; "" when there is none to tell
   std::vector<std::string_view> choices{};  ///< all values, where they are a closed set: for completion
-  /// Takes the value ("" for a switch); gives back what is wrong with it, or "".
+  /// Takes the value ("" for a switch without one); gives back what is wrong with it, or "".
   std::function<std::string(const std::string& value)> set{};
   std::string group{};  ///< heading in --help and in the manual
 };

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "color_options.h"
+#include "convert_levels.h"
 #include "input.h"
 #include "io.h"
 #include "options.h"
@@ -36,6 +37,7 @@ struct ConvertOptions {
   std::int64_t texels = 0;  ///< 0: not given
   const Filter* filter = nullptr;
   int samples = 0;
+  LevelOptions levels;
   WriteOptions write;  ///< type_given tells whether --type was
   ColorOptions color;
   double exposure = 0;
@@ -49,7 +51,8 @@ struct ConvertOptions {
 struct Job {
   Input input;
   std::string output;              ///< as it is named in messages: for face files with {face} left in
-  std::vector<std::string> paths;  ///< files to write: one, or one per face
+  std::vector<std::string> paths;  ///< files to write: one, or one per face, for each level that has files of its own
+  bool file_a_level = false;       ///< {mip} is in their names
   std::optional<Error> error;      ///< found while planning; set only with keep_going
 };
 
@@ -74,8 +77,15 @@ struct Shape {
   SourceColor color;
   int height = 0;  ///< of the output's face 0
   std::vector<Size> faces;
+  int levels = 1;
   std::size_t peak_bytes = 0;  ///< of pixels, held at one time
 };
+/// Where a job's levels go.
+LevelPlace level_place(const ConvertPlan& plan, const Job& job);
+/// Pictures and levels of each of its files.
+int pictures_of(const ConvertPlan& plan);
+int levels_in_file(const ConvertPlan& plan, const Job& job, int height);
+
 /// Errors: limit when the output would be too large.
 Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file);
 /// The same from the file's header alone.
@@ -85,6 +95,7 @@ Result<Shape> read_shape(const ConvertPlan& plan, const Job& job);
 struct Outcome {
   Shape shape;
   bool skipped = false;
+  std::optional<WorstSeam> seam;  ///< measured with --max-seam
   PixelType type = PixelType::half;
   std::string color;  ///< colour space of the output, or ""
   std::vector<std::string> warnings;
@@ -92,11 +103,11 @@ struct Outcome {
 
 /// How the outputs are written: with metadata that record `rotation`, and without --type as the format's nearest to
 /// `source_type`.
-WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
-                           int channels);
-/// Packs an environment and writes it as planned.  Sets the outcome's type, and adds to its warnings.
-Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, EnvImage image,
-                       Outcome& outcome);
+WriteOptions write_options(const ConvertPlan& plan, const Job& job, const Shape& shape, const Rotation& rotation,
+                           PixelType source_type);
+/// Packs an environment's levels and writes them as planned.  Sets the outcome's type, and adds to its warnings.
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write,
+                       std::vector<EnvImage> levels, Outcome& outcome);
 
 /// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work
 /// proper starts.

@@ -88,22 +88,23 @@ Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, int ind
   fields.layout = o.layout->name();
   fields.index = index;
   fields.size = o.size ? o.size : o.texels ? height_for_texels(*o.layout, o.texels) : 0;
-  if (name.uses("size") && fields.size == 0) {
+  if ((name.uses("size") || name.uses("mip")) && fields.size == 0) {
     ENVCONV_TRY(const Shape shape, read_shape(plan, job));
     fields.size = shape.height;
   }
-  if (o.packing->name != "files") {
-    job.output = name.expand(fields);
-    job.paths = {job.output};
-    return Ok{};
-  }
-  for (int face = 0; face < o.layout->face_count(); ++face) {
-    fields.face = o.layout->info().faces[static_cast<std::size_t>(face)].name;
-    fields.face_index = face;
-    job.paths.push_back(name.expand(fields));
+  job.file_a_level = name.uses("mip");
+  const int levels = job.file_a_level ? levels_to_make(o.levels, level_place(plan, job), fields.size) : 1;
+  const int files = o.packing->name == "files" ? o.layout->face_count() : 1;
+  for (fields.mip = 0; fields.mip < levels; ++fields.mip) {
+    for (int face = 0; face < files; ++face) {
+      fields.face = o.layout->info().faces[static_cast<std::size_t>(face)].name;
+      fields.face_index = face;
+      job.paths.push_back(name.expand(fields));
+    }
   }
   fields.face = "{face}";
-  job.output = name.uses("face") ? name.expand(fields) : job.paths.front();
+  fields.mip = 0;
+  job.output = files > 1 && name.uses("face") ? name.expand(fields) : job.paths.front();
   return Ok{};
 }
 
@@ -139,7 +140,9 @@ Result<Ok> check_outputs(const ConvertPlan& plan) {
     }
   }
   std::map<std::string, std::string> writers;
-  const int parts = plan.options.packing->name == "parts" ? plan.options.layout->face_count() : 1;
+  const ConvertOptions& o = plan.options;
+  // Of sizes that are not known yet it is only certain that there are levels.
+  const int unknown = 2;
   for (const Job& job : plan.jobs) {
     if (job.error) continue;
     for (const std::string& path : job.paths) {
@@ -149,13 +152,27 @@ Result<Ok> check_outputs(const ConvertPlan& plan) {
                      " (use {dir}, {index} or {face} in --output to tell them apart)");
       }
       ENVCONV_CHECK(check_place(path, inputs));
-      ENVCONV_CHECK(can_write(path, plan.options.write, parts, 3));
+      ENVCONV_CHECK(
+          can_write(path, o.write, pictures_of(plan), 3, levels_in_file(plan, job, o.size ? o.size : unknown)));
     }
   }
   return Ok{};
 }
 
 }  // namespace
+
+LevelPlace level_place(const ConvertPlan& plan, const Job& job) {
+  const std::string& path = job.paths.empty() ? plan.options.output : job.paths.front();
+  return {plan.options.layout, plan.options.packing, path, job.file_a_level};
+}
+
+int pictures_of(const ConvertPlan& plan) {
+  return plan.options.packing->name == "parts" ? plan.options.layout->face_count() : 1;
+}
+
+int levels_in_file(const ConvertPlan& plan, const Job& job, int height) {
+  return job.file_a_level ? 1 : levels_to_make(plan.options.levels, level_place(plan, job), height);
+}
 
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
   ENVCONV_CHECK(fill_in(options, inputs));
@@ -220,11 +237,17 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
     shape.faces.push_back(size);
     texels += static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
   }
-  const int parts = o.packing->name == "parts" ? o.layout->face_count() : 1;
-  for (const std::string& path : job.paths) ENVCONV_CHECK(can_write(path, o.write, parts, shape.channels));
+  const LevelPlace place = level_place(plan, job);
+  shape.levels = levels_to_make(o.levels, place, shape.height);
+  ENVCONV_CHECK(check_levels(o.levels, place, shape.height));
+  const int in_file = levels_in_file(plan, job, shape.height);
+  for (const std::string& path : job.paths) {
+    ENVCONV_CHECK(can_write(path, o.write, pictures_of(plan), shape.channels, in_file));
+  }
   // The source as read and as faces; then its faces, the result and the result packed.
   const std::size_t result = texels * static_cast<std::size_t>(shape.channels);
-  shape.peak_bytes = sizeof(float) * (source_values + std::max(source_values, 2 * result));
+  shape.peak_bytes = sizeof(float) * (source_values + std::max(source_values, 2 * result)) +
+                     level_bytes(o.levels, place, shape.height, shape.channels);
   return shape;
 }
 

@@ -47,7 +47,9 @@ bool is_complete(const ConvertPlan& plan, const Job& job) {
   for (const std::string& path : job.paths) {
     std::error_code error;
     if (!std::filesystem::exists(path, error)) return false;
-    if (!read_pictures(path, plan.options.input.read)) return false;
+    ReadOptions read = plan.options.input.read;
+    read.level = 0;  // of the output, whichever is taken of the input
+    if (!read_pictures(path, read)) return false;
   }
   return true;
 }
@@ -85,30 +87,6 @@ void change_values(const ConvertOptions& o, EnvImage& image) {
   for (Image& face : image.faces) scale_color(face, image.channels.alpha, factor);
 }
 
-// The pictures of each file to write.
-Result<std::vector<std::vector<Picture>>> pictures_of(const ConvertOptions& o, EnvImage image, PixelType type) {
-  std::vector<std::vector<Picture>> files;
-  if (o.packing->name == "files" || o.packing->name == "parts") {
-    std::vector<Picture> pictures;
-    for (std::size_t i = 0; i < image.faces.size(); ++i) {
-      const std::string face(image.layout->info().faces[i].name);
-      pictures.push_back({face, std::move(image.faces[i]), image.channels, type});
-    }
-    if (o.packing->name == "parts") {
-      files.push_back(std::move(pictures));
-      return files;
-    }
-    for (Picture& picture : pictures) {
-      picture.name.clear();
-      files.emplace_back().push_back(std::move(picture));
-    }
-    return files;
-  }
-  ENVCONV_TRY(Image packed, pack(*image.layout, *o.packing, std::move(image.faces)));
-  files.emplace_back().push_back({"", std::move(packed), image.channels, type});
-  return files;
-}
-
 // What the format could not hold, in words.
 void warn_of(const WriteReport& report, const std::string& path, std::vector<std::string>& warnings) {
   const std::string format = std::string(name_of(report.type)) + " " + std::filesystem::path(path).extension().string();
@@ -123,7 +101,8 @@ void warn_of(const WriteReport& report, const std::string& path, std::vector<std
 }
 
 // The nearest type that the format of `path` has: the source's own, another of its kind, or else what there is.
-PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels) {
+PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels,
+                       int levels) {
   using enum PixelType;
   std::vector<PixelType> order{source};
   if (source == half || source == float32 || source == r11g11b10f || source == rgb9e5 || source == bc6h) {
@@ -136,37 +115,42 @@ PixelType nearest_type(const std::string& path, PixelType source, WriteOptions w
   write.type_given = true;
   for (const PixelType type : order) {
     write.type = type;
-    if (can_write(path, write, parts, channels)) return type;
+    if (can_write(path, write, parts, channels, levels)) return type;
   }
   return source;
 }
 
 }  // namespace
 
-WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
-                           int channels) {
+WriteOptions write_options(const ConvertPlan& plan, const Job& job, const Shape& shape, const Rotation& rotation,
+                           PixelType source_type) {
+  const ConvertOptions& o = plan.options;
   WriteOptions write = o.write;
   write.threads = o.threads;
-  write.metadata = metadata_of(*o.layout, *o.packing, *o.frame, rotation);
+  RecordedLevels recorded{o.levels.seam, 0, 0};
+  if (recorded.seam.gutter() > 0 || shape.levels > 1) recorded.height = shape.height;
+  write.metadata = metadata_of(*o.layout, *o.packing, *o.frame, rotation, recorded);
+  const int channels = shape.channels, in_file = levels_in_file(plan, job, shape.height);
   if (!write.type_given) {
-    const int parts = o.packing->name == "parts" ? o.layout->face_count() : 1;
-    write.type = nearest_type(job.paths.front(), source_type, write, parts, channels);
+    write.type = nearest_type(job.paths.front(), source_type, write, pictures_of(plan), channels, in_file);
     write.type_given = true;
   }
   return write;
 }
 
-Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, EnvImage image,
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, std::vector<EnvImage> levels,
                        Outcome& outcome) {
-  const ConvertOptions& o = plan.options;
-  const int channels = image.channels.count();
-  ENVCONV_TRY(const auto files, pictures_of(o, std::move(image), write.type));
+  const int channels = levels.front().channels.count(), in_file = levels_in_file(plan, job, outcome.shape.height);
+  const std::vector<LevelFile> files =
+      level_files(plan.options.levels, level_place(plan, job), std::move(levels), write.type);
   for (const std::string& path : job.paths) {
-    ENVCONV_CHECK(can_write(path, write, static_cast<int>(files.front().size()), channels));
+    ENVCONV_CHECK(can_write(path, write, pictures_of(plan), channels, in_file));
   }
   WriteReport total;
   for (std::size_t i = 0; i < files.size(); ++i) {
-    ENVCONV_TRY(const WriteReport report, write_pictures(job.paths[i], files[i], write));
+    WriteOptions one = write;
+    if (files[i].first_level > 0) one.metadata["envconv:level"] = std::to_string(files[i].first_level);
+    ENVCONV_TRY(const WriteReport report, write_levels(job.paths[i], files[i].levels, one));
     total.type = report.type;
     total.clamped_high += report.clamped_high;
     total.clamped_negative += report.clamped_negative;
@@ -205,8 +189,7 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   ENVCONV_CHECK(treat_nonfinite(plan, job, image, outcome.warnings));
   ENVCONV_CHECK(named(job, to_working(plan.color, color, image.channels, image.faces)));
   change_values(o, image);
-  WriteOptions write =
-      write_options(o, job, composed(source.rotation, o.rotation), source_type, image.channels.count());
+  WriteOptions write = write_options(plan, job, outcome.shape, composed(source.rotation, o.rotation), source_type);
   const float peak = wants_peak(plan.color, source_type, write.type) ? largest_color(image) : 0;
   const OutputColor output = output_color(plan.color, image.channels, write.type, peak);
   if (output.is_preview) {
@@ -217,7 +200,7 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   ResampleOptions resample_options;
   resample_options.layout = o.layout;
   resample_options.height = outcome.shape.height;
-  resample_options.placement = o.layout->info().placement;
+  resample_options.placement = placement_for(*o.layout, o.levels.seam);
   resample_options.consumer_from_world = o.frame->consumer_from_world;
   resample_options.rotation = o.rotation;
   resample_options.filter = o.filter;
@@ -228,9 +211,18 @@ Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::func
   ENVCONV_TRY(EnvImage result, named(job, resample(image, resample_options)));
   image = {};
 
-  ENVCONV_CHECK(named(job, to_output(plan.color, output, color, result, write)));
+  // Levels are means of linear light: colours are encoded after them.
+  ENVCONV_TRY(std::vector<EnvImage> levels,
+              named(job, make_levels(o.levels, level_place(plan, job), std::move(result), o.threads)));
+  if (o.levels.max_seam) outcome.seam = worst_seam(o.levels, levels);
+  for (EnvImage& level : levels) ENVCONV_CHECK(named(job, to_output(plan.color, output, color, level, write)));
   outcome.color = write.color.space;
-  ENVCONV_CHECK(write_files(plan, job, write, std::move(result), outcome));
+  ENVCONV_CHECK(write_files(plan, job, write, std::move(levels), outcome));
+  if (outcome.seam && outcome.seam->error > *o.levels.max_seam) {
+    return Error{ErrorCode::threshold,
+                 job.output + ": the largest seam error is " + number_text(outcome.seam->error, 4) + ", at level " +
+                     std::to_string(outcome.seam->level) + ", above --max-seam " + number_text(*o.levels.max_seam, 9)};
+  }
   return outcome;
 }
 

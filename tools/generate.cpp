@@ -22,6 +22,7 @@ constexpr std::size_t help_indent = 26;  // of descriptions in --help
 std::string synopsis(const Option& option) {
   std::string out;
   for (const std::string& name : all_names(option)) out += (out.empty() ? "" : ", ") + name;
+  if (!option.optional_value.empty()) return out + "[=" + option.optional_value + "]";
   return option.value.empty() ? out : out + " " + option.value;
 }
 

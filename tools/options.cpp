@@ -214,6 +214,7 @@ void add_input_options(Command& command, InputOptions& target) {
   auto add = [&](Option option, std::string initial) {
     command.options.push_back(in_group(std::move(option), input_group, std::move(initial)));
   };
+  add(integer_option("--level", "N", target.read.level, 0, 31, "which level of an input with MIP levels is read"), "0");
   add(count_option("--max-pixels", "N", target.read.max_pixels, std::int64_t{1} << 40,
                    "refuse inputs that claim more pixels"),
       "1073741824");

@@ -9,8 +9,8 @@
 namespace envconv::tool {
 namespace {
 
-constexpr std::array<std::string_view, 8> field_names{"dir",  "stem",       "ext",  "layout",
-                                                      "face", "face_index", "size", "index"};
+constexpr std::array<std::string_view, 9> field_names{"dir",        "stem", "ext", "layout", "face",
+                                                      "face_index", "size", "mip", "index"};
 
 Error usage(const std::string& text) { return {ErrorCode::usage, "--output: " + text}; }
 
@@ -22,6 +22,7 @@ std::string value_of(std::string_view field, const NameFields& f) {
   if (field == "face") return f.face;
   if (field == "face_index") return std::to_string(f.face_index);
   if (field == "size") return std::to_string(f.size);
+  if (field == "mip") return std::to_string(f.mip);
   return std::to_string(f.index);
 }
 

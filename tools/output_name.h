@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Names of outputs made from a template: {dir} {stem} {ext} {layout} {face} {face_index} {size} {index}.
+// Names of outputs made from a template: {dir} {stem} {ext} {layout} {face} {face_index} {size} {mip} {index}.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@ namespace envconv::tool {
 struct NameFields {
   std::string dir, stem, ext;  ///< of the input
   std::string layout, face;
-  int face_index = 0, size = 0, index = 0;
+  int face_index = 0, size = 0, mip = 0, index = 0;
 };
 
 /// A parsed template.

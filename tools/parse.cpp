@@ -71,7 +71,8 @@ Result<Invocation> parse(const Command& command, const std::vector<std::string>&
   if (end != words.end()) found.operands.insert(found.operands.end(), end + 1, words.end());
   for (const auto& [parsed, option] : given) {
     if (parsed->count() == 0) continue;
-    const std::string value = option->value.empty() ? "" : parsed->results().back();
+    std::string value = option->value.empty() && option->optional_value.empty() ? "" : parsed->results().back();
+    if (!option->optional_value.empty() && value == "true") value.clear();  // what a switch alone gives
     const std::string wrong = option->set(value);
     if (!wrong.empty()) return usage(command, long_name(*option) + ": " + wrong);
   }

@@ -16,6 +16,9 @@ add_executable(envconv
   tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
   tools/describe.cpp tools/error_picture.cpp tools/figures.cpp tools/generate.cpp tools/png.cpp tools/report.cpp
   ${command_sources})
+  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_levels.cpp tools/convert_plan.cpp
+  tools/convert_run.cpp
+  tools/describe.cpp tools/generate.cpp ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
 target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy ZLIB::ZLIB)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
