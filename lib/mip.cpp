@@ -170,37 +170,53 @@ class Chain {
     });
   }
 
+  // What stands for a direction that another texel owns is read there; beyond a disc everything stands for the one
+  // point of the sphere that the rim is.
   void fill_unowned(int k) {
-    const Layout& layout = *level0_.layout;
-    const Domain domain = layout.info().domain;
+    const Domain domain = level0_.layout->info().domain;
     if (domain == Domain::square) return;
     EnvImage& image = levels_[static_cast<std::size_t>(k - 1)];
     const auto& omega = omega_[static_cast<std::size_t>(k - 1)];
-    for (int f = 0; f < layout.face_count(); ++f) {
+    for (int f = 0; f < image.layout->face_count(); ++f) {
       Image& face = image.faces[static_cast<std::size_t>(f)];
       const std::vector<double>& own = omega[static_cast<std::size_t>(f)];
+      const std::vector<double> rim = domain == Domain::disc ? rim_radiance(image, k, f) : std::vector<double>{};
       tbb::parallel_for(0, face.height(), [&](int j) {
-        std::vector<double> value(static_cast<std::size_t>(face.channels()));
+        std::vector<double> value = rim;
+        value.resize(static_cast<std::size_t>(face.channels()));
         for (int i = 0; i < face.width(); ++i) {
           if (own[static_cast<std::size_t>(j) * static_cast<std::size_t>(face.width()) + static_cast<std::size_t>(i)] >
               0)
             continue;
-          double u = u_from_texel(i, face.width(), image.placement);
-          double v = u_from_texel(j, face.height(), image.placement);
-          if (domain == Domain::disc) {  // the nearest point of the rim
-            const double r = std::hypot(2 * u - 1, 2 * v - 1) * (1 + 1e-9);
-            u = 0.5 + (u - 0.5) / r, v = 0.5 + (v - 0.5) / r;
-          }
-          const Location at = domain == Domain::disc ? Location{f, u, v} : layout.locate(layout.direction(f, u, v));
-          const Image& owner = image.faces[static_cast<std::size_t>(at.face)];
-          read_owned(owner, omega[static_cast<std::size_t>(at.face)],
-                     texel_from_u(at.u, owner.width(), image.placement),
-                     texel_from_u(at.v, owner.height(), image.placement), value.data());
-          for (int c = 0; c < face.channels(); ++c)
-            face.at(i, j)[c] = static_cast<float>(value[static_cast<std::size_t>(c)]);
+          if (domain == Domain::overlap)
+            read_at(image, k,
+                    image.layout->locate(image.layout->direction(f, u_from_texel(i, face.width(), image.placement),
+                                                                 u_from_texel(j, face.height(), image.placement))),
+                    value.data());
+          std::transform(value.begin(), value.end(), face.at(i, j), [](double v) { return static_cast<float>(v); });
         }
       });
     }
+  }
+
+  // From texels that own something only.
+  void read_at(const EnvImage& image, int k, const Location& at, double* value) const {
+    const Image& owner = image.faces[static_cast<std::size_t>(at.face)];
+    read_owned(owner, omega_[static_cast<std::size_t>(k - 1)][static_cast<std::size_t>(at.face)],
+               texel_from_u(at.u, owner.width(), image.placement), texel_from_u(at.v, owner.height(), image.placement),
+               value);
+  }
+
+  // Mean around a disc's rim.
+  std::vector<double> rim_radiance(const EnvImage& image, int k, int f) const {
+    const int channels = image.channels.count(), points = 4 * image.faces[static_cast<std::size_t>(f)].width();
+    std::vector<double> sum(static_cast<std::size_t>(channels)), value(static_cast<std::size_t>(channels));
+    for (int p = 0; p < points; ++p) {
+      const double angle = 2 * M_PI * p / points;
+      read_at(image, k, {f, 0.5 + 0.5 * std::cos(angle), 0.5 + 0.5 * std::sin(angle)}, value.data());
+      for (std::size_t c = 0; c < sum.size(); ++c) sum[c] += value[c] / points;
+    }
+    return sum;
   }
 
   const EnvImage& level0_;

@@ -47,7 +47,7 @@ struct MipOptions {
 /// zero where level 0 has none below, and what the limited part's mean has lost is given back by a gain.
 ///
 /// Texels that own nothing (beyond a disc, or a seam) get the radiance of the direction that they stand for; beyond a
-/// disc, of the nearest point of its rim.
+/// disc, of the one point of the sphere that its rim is.
 ///
 /// The result does not depend on the thread count.  Errors: usage (no pixels), limit (memory).
 Result<std::vector<EnvImage>> make_mips(const EnvImage& level0, const MipOptions& options);

@@ -21,6 +21,8 @@ struct Interval {
   double lo, hi;
   double length() const { return hi - lo; }
   double at(double t) const { return lo + t * (hi - lo); }
+  // A little inside of its ends: a seam that runs along a cell's edge is no seam through the cell.
+  double within(double t) const { return at(0.5 + (t - 0.5) * (1 - 1e-4)); }
 };
 
 // A grid of cells, of which the owned parts count, or all.
@@ -82,7 +84,7 @@ Point on_seam(Point a, Point b, const Owns& owns) {
 // density is taken at the centre of gravity.
 double integrate_cut(const Layout& layout, int face, Interval u, Interval v) {
   constexpr Point corners[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
-  const auto owns = [&](Point p) { return layout.owns(face, u.at(p.s), v.at(p.t)); };
+  const auto owns = [&](Point p) { return layout.owns(face, u.within(p.s), v.within(p.t)); };
   std::array<Point, 8> polygon;
   std::array<Point, 4> crossings;
   std::size_t n = 0, crossed = 0;
@@ -152,11 +154,17 @@ double integrate_whole(const Layout& layout, int face, Interval u, Interval v, i
 double integrate_owned(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
   const double extent = std::max(u.length(), v.length());
   if (extent <= widest_piece) {
-    int owned = 0;
-    for (const double s : {0.0, 0.5, 1.0})
-      for (const double t : {0.0, 0.5, 1.0}) owned += layout.owns(face, u.at(s), v.at(t)) ? 1 : 0;
+    // Around the piece's edges, closely enough that no arc of a seam slips through that matters, and in its middle.
+    const int steps = extent > widest_cut ? 8 : 2;
+    const int points = 4 * steps + 1;
+    int owned = layout.owns(face, u.at(0.5), v.at(0.5)) ? 1 : 0;
+    for (int k = 0; k < steps; ++k) {
+      const double t = static_cast<double>(k) / steps;
+      for (const auto& [x, y] : {std::pair{t, 0.0}, {1.0, t}, {1 - t, 1.0}, {0.0, 1 - t}})
+        owned += layout.owns(face, u.within(x), v.within(y)) ? 1 : 0;
+    }
     if (owned == 0) return 0;
-    if (owned == 9) return integrate_whole(layout, face, u, v);
+    if (owned == points) return integrate_whole(layout, face, u, v);
     if (depth >= 2 && extent <= widest_cut) return integrate_cut(layout, face, u, v);
   }
   return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_owned(layout, face, a, b, depth + 1); });
@@ -196,7 +204,7 @@ void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double
   // Bicubic density, wherever it agrees with the truth at points between its nodes and all of the block is owned.
   bool smooth = nx * ny > 16 && u.length() <= 0.13 && v.length() <= 0.13;
   if (smooth && grid.cut_by_seams())
-    for (int k = 0; k < 25 && smooth; ++k) smooth = layout.owns(face, u.at(k % 5 / 4.0), v.at(k / 5 / 4.0));
+    for (int k = 0; k < 25 && smooth; ++k) smooth = layout.owns(face, u.within(k % 5 / 4.0), v.within(k / 5 / 4.0));
   if (smooth) {
     double nodal[4][4];
     for (std::size_t j = 0; j < 4; ++j)
