@@ -12,6 +12,7 @@ set(cli_tests
   convert
   documents
   info
+  mips
   pattern
   report
   safety

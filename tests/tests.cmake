@@ -30,6 +30,7 @@ set(tests
   recognize_test
   resample_test
   texel_format_test
+  seam_test
   tiny_test)
 foreach(test IN LISTS tests)
   envconv_test(${test})

@@ -88,11 +88,11 @@ Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, int ind
   fields.layout = o.layout->name();
   fields.index = index;
   fields.size = o.size ? o.size : o.texels ? height_for_texels(*o.layout, o.texels) : 0;
-  if ((name.uses("size") || name.uses("mip")) && fields.size == 0) {
+  job.file_a_level = name.uses("mip");
+  if ((name.uses("size") || job.file_a_level) && fields.size == 0) {
     ENVCONV_TRY(const Shape shape, read_shape(plan, job));
     fields.size = shape.height;
   }
-  job.file_a_level = name.uses("mip");
   const int levels = job.file_a_level ? levels_to_make(o.levels, level_place(plan, job), fields.size) : 1;
   const int files = o.packing->name == "files" ? o.layout->face_count() : 1;
   for (fields.mip = 0; fields.mip < levels; ++fields.mip) {

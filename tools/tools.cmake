@@ -13,12 +13,9 @@ endforeach()
 
 add_executable(envconv
   tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/color_options.cpp tools/input.cpp
-  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
+  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_levels.cpp tools/convert_plan.cpp tools/convert_run.cpp
   tools/describe.cpp tools/error_picture.cpp tools/figures.cpp tools/generate.cpp tools/png.cpp tools/report.cpp
   ${command_sources})
-  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_levels.cpp tools/convert_plan.cpp
-  tools/convert_run.cpp
-  tools/describe.cpp tools/generate.cpp ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
 target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy ZLIB::ZLIB)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
@@ -34,7 +31,7 @@ install(TARGETS envconv RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(TARGETS envconv_imageio LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/envconv)
 install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/envconv)
 install(FILES man/envconv.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
-install(FILES man/envconv-layouts.7 man/envconv-metrics.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
+install(FILES man/envconv-layouts.7 man/envconv-metrics.7 man/envconv-seams.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
 install(FILES README.md CHANGELOG.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT envconv NAMESPACE envconv:: FILE envconv-targets.cmake
