@@ -130,10 +130,23 @@ std::string roff_packings() {
   return out;
 }
 
-std::string roff_filters() {
+// Names and what they mean.
+template <class Entries>
+std::string roff_notes(const Entries& entries) {
   std::string out;
-  for (const Filter& filter : all_filters()) {
-    out += ".TP\n.B " + roff(filter.name) + "\n" + roff(filter.note) + "\n";
+  for (const auto& entry : entries) {
+    out += ".TP\n.B " + roff(entry.name) + "\n" + roff(entry.note) + "\n";
+  }
+  return out;
+}
+
+std::string roff_seams() {
+  std::string out;
+  for (const SeamKind& kind : all_seam_kinds()) {
+    const std::string number = kind.number.empty() ? "" : ":" + std::string(kind.number);
+    const bool optional = !number.empty() && !kind.number_needed;
+    out += ".TP\n.B " + roff(std::string(kind.name) + (optional ? "[" + number + "]" : number)) + "\n" +
+           roff(kind.note) + "\n";
   }
   return out;
 }
@@ -205,11 +218,18 @@ std::string markdown_layouts() {
 
 const std::map<std::string, std::string (*)()>& sections() {
   static const std::map<std::string, std::string (*)()> all{
-      {"SYNOPSIS", roff_synopsis},       {"COMMANDS", roff_commands},
-      {"EXIT_STATUS", roff_statuses},    {"FILTERS", roff_filters},
-      {"FRAMES", roff_frames},           {"PACKINGS", roff_packings},
-      {"COLORSPACES", roff_colorspaces}, {"DISPLAYS", roff_displays},
-      {"LAYOUTS", roff_layouts},         {"VERSION", [] { return std::string(ENVCONV_VERSION); }}};
+      {"SYNOPSIS", roff_synopsis},
+      {"COMMANDS", roff_commands},
+      {"EXIT_STATUS", roff_statuses},
+      {"FILTERS", [] { return roff_notes(all_filters()); }},
+      {"MIP_FILTERS", [] { return roff_notes(all_mip_filters()); }},
+      {"SEAMS", roff_seams},
+      {"FRAMES", roff_frames},
+      {"PACKINGS", roff_packings},
+      {"COLORSPACES", roff_colorspaces},
+      {"DISPLAYS", roff_displays},
+      {"LAYOUTS", roff_layouts},
+      {"VERSION", [] { return std::string(ENVCONV_VERSION); }}};
   return all;
 }
 
@@ -445,7 +465,7 @@ std::string general_help() {
       "  envconv convert 'sky_{face}.png' -o sky.exr --to latlong\n"
       "  envconv info sky_cube.exr\n"
       "\n"
-      "The manual: man envconv, man envconv-layouts, man envconv-metrics\n";
+      "The manual: man envconv, man envconv-layouts, man envconv-metrics, man envconv-seams\n";
   return out;
 }
 
@@ -471,7 +491,9 @@ Result<std::string> generate(std::string_view kind, const std::string& template_
   std::ifstream file(template_path);
   if (!file) return Error{ErrorCode::input, template_path + ": cannot be read"};
   Result<std::string> text = wrong(template_path, "no document is called '" + std::string(kind) + "'");
-  if (kind == "man" || kind == "layouts-man" || kind == "metrics-man") text = filled_in(template_path, file);
+  if (kind == "man" || kind == "layouts-man" || kind == "metrics-man" || kind == "seams-man") {
+    text = filled_in(template_path, file);
+  }
   if (kind == "readme") text = readme(template_path, file);
   if (!text) return text;
   // roff writes hyphens as \-, and a change of font stands before the word.

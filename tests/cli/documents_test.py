@@ -17,12 +17,13 @@ class Documents(Case):
         self.check("man", "man/envconv.1.in", "man/envconv.1")
         self.check("layouts-man", "man/envconv-layouts.7.in", "man/envconv-layouts.7")
         self.check("metrics-man", "man/envconv-metrics.7.in", "man/envconv-metrics.7")
+        self.check("seams-man", "man/envconv-seams.7.in", "man/envconv-seams.7")
 
     def test_readme(self):
         self.check("readme", "README.md", "README.md")
 
     def test_manual_is_good_roff(self):
-        for page in ("man/envconv.1", "man/envconv-layouts.7", "man/envconv-metrics.7"):
+        for page in ("man/envconv.1", "man/envconv-layouts.7", "man/envconv-metrics.7", "man/envconv-seams.7"):
             done = subprocess.run(["man", "--warnings", "-E", "UTF-8", "-l", "-Tutf8", "-Z", SOURCE / page],
                                   capture_output=True, text=True)
             self.assertEqual((done.returncode, done.stderr), (0, ""))
