@@ -32,8 +32,6 @@ install(TARGETS envconv_imageio LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/envc
 install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/envconv)
 install(FILES man/envconv.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES man/envconv-layouts.7 man/envconv-metrics.7 man/envconv-seams.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
-install(FILES man/envconv-layouts.7 man/envconv-metrics.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
-install(FILES man/envconv-layouts.7 man/envconv-seams.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
 install(FILES README.md CHANGELOG.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT envconv NAMESPACE envconv:: FILE envconv-targets.cmake
