@@ -11,8 +11,8 @@
 
 namespace envconv {
 
-/// Removes the temporary files that this process has open.  Async-signal-safe: a handler of SIGINT and the like may
-/// call it before the process dies.
+/// Removes the temporary files that this process has open, and makes no more.  Async-signal-safe: a handler of SIGINT
+/// and the like may call it before the process dies.
 void remove_temporaries() noexcept;
 
 /// A path as it may be shown to a person: control bytes become \xNN.

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "batch.h"
 #include "color_options.h"
 #include "input.h"
 #include "io.h"
@@ -41,6 +42,10 @@ struct ConvertOptions {
   double exposure = 0;
   Nonfinite nonfinite = Nonfinite::repair;
   int threads = 0;
+  std::int64_t memory = 0;      ///< bytes; 0: three quarters of what is available
+  std::string files_from;       ///< a file with names of inputs, "-" for standard input; "": none
+  bool null_separated = false;  ///< its names end with a zero byte, not with a line
+  int shard = 1, shards = 1;    ///< every shards-th input from the shard-th on
   bool skip_existing = false, keep_going = false, dry_run = false, json = false;
   std::string progress = "auto";
 };
@@ -48,6 +53,7 @@ struct ConvertOptions {
 /// One input and its outputs.
 struct Job {
   Input input;
+  int index = 0;                   ///< in the whole batch, of which a shard takes a part
   std::string output;              ///< as it is named in messages: for face files with {face} left in
   std::vector<std::string> paths;  ///< files to write: one, or one per face
   std::optional<Error> error;      ///< found while planning; set only with keep_going
@@ -55,10 +61,14 @@ struct Job {
 
 /// What will be done.
 struct ConvertPlan {
-  ConvertOptions options;  ///< with layout, packing and frame filled in
+  ConvertOptions options;  ///< with layout, packing, frame, threads and memory filled in
   ColorPlan color;
-  std::vector<Job> jobs;
+  std::vector<Job> jobs;  ///< of the shard
+  bool is_batch = false;  ///< what was asked for is a batch, if only of one input
 };
+
+/// The inputs that were named one by one, then those of --files-from, whatever the shard.
+Result<std::vector<std::string>> all_inputs(const ConvertOptions& options, std::vector<std::string> named);
 
 /// Makes the plan and checks all of it.
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs);
@@ -71,12 +81,19 @@ struct Shape {
   SourceColor color;
   int height = 0;  ///< of the output's face 0
   std::vector<Size> faces;
-  std::size_t peak_bytes = 0;  ///< of pixels, held at one time
+  std::size_t source_bytes = 0, result_bytes = 0;  ///< of pixels, as floats
+  std::size_t peak_memory = 0;  ///< bytes that the process will hold at most, this file being its only one
 };
 /// Errors: limit when the output would be too large.
 Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file);
 /// The same from the file's header alone.
 Result<Shape> read_shape(const ConvertPlan& plan, const Job& job);
+
+/// Bytes of the process at its highest while it converts such a file: that of reading, resampling or writing.
+std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape& shape, const PictureFile& file);
+
+/// An error, of ErrorCode::limit, when that is more than --memory allows.
+Result<Ok> check_memory(const ConvertPlan& plan, const Job& job, const Shape& shape);
 
 /// What was done.
 struct Outcome {
@@ -85,10 +102,14 @@ struct Outcome {
   PixelType type = PixelType::half;
   std::string color;  ///< colour space of the output, or ""
   std::vector<std::string> warnings;
+  double read_seconds = 0, resample_seconds = 0, write_seconds = 0;  ///< without waiting for cores or memory
 };
-/// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work
-/// proper starts.
-Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
-                        const std::function<bool(double)>& progress);
+
+/// Converts one input, in its turn.  The error of a job that is not wanted any more is `cancelled`.
+Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, Batch::Turn& turn);
+extern const Error cancelled;
+
+/// Converts all of them, or with --dry-run says what would be done; gives back the exit status.
+int run_plan(const ConvertPlan& plan);
 
 }  // namespace envconv::tool

@@ -4,40 +4,16 @@
 #include <hwy/targets.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <exception>
 
 #include "command.h"
 #include "generate.h"
+#include "interrupt.h"
 #include "io.h"
-#include "output_file.h"
 #include "text.h"
 
 namespace envconv::tool {
 namespace {
-
-// Unfinished outputs go, then the signal does what it would have done.
-void on_signal(int signal_number) {
-  remove_temporaries();
-  struct sigaction plain = {};
-  plain.sa_handler = SIG_DFL;
-  sigaction(signal_number, &plain, nullptr);
-  raise(signal_number);  // delivered when the handler returns, which unblocks it
-}
-
-void watch_signals() {
-  struct sigaction action = {};
-  action.sa_handler = on_signal;
-  sigemptyset(&action.sa_mask);
-  for (const int signal_number : {SIGINT, SIGTERM, SIGHUP}) {
-    struct sigaction old = {};
-    sigaction(signal_number, nullptr, &old);
-    // What the caller had us ignore (nohup, say) stays ignored.
-    if (old.sa_handler != SIG_IGN) sigaction(signal_number, &action, nullptr);
-  }
-  // A reader of our output that goes away must not kill us in the middle of a file; write() says EPIPE instead.
-  std::signal(SIGPIPE, SIG_IGN);
-}
 
 // A file opened later must not get the number of a standard stream that the caller closed.
 void hold_standard_streams() {

@@ -11,11 +11,13 @@ foreach(line IN LISTS lines)
 endforeach()
 
 add_executable(envconv
-  tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/color_options.cpp tools/input.cpp
-  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_plan.cpp tools/convert_run.cpp
+  tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/color_options.cpp
+  tools/input.cpp tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/batch.cpp
+  tools/interrupt.cpp tools/memory.cpp tools/convert_plan.cpp tools/convert_memory.cpp tools/convert_run.cpp
+  tools/convert_batch.cpp
   tools/describe.cpp tools/generate.cpp ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
-target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy)
+target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
   "ENVCONV_VERSION=\"${PROJECT_VERSION}\";ENVCONV_OPENEXR_VERSION=\"${OPENEXR_VERSION}\";ENVCONV_OIIO_VERSION=\"${OIIO_VERSION}\";ENVCONV_OCIO_VERSION=\"${OCIO_VERSION}\"")
 # The module is needed at run time, not at link time.

@@ -18,7 +18,7 @@ class Usage(Case):
         self.run_tool("--versoin", expect=2).says("'--version'")
 
     def test_options_of_later_stages_are_not_taken_in_silence(self):
-        for option in ("--mips", "--seam=average", "--memory=4G", "--shard=1/2", "--level=1"):
+        for option in ("--mips", "--seam=average", "--level=1"):
             self.run_tool("convert", "a.exr", "-o", "b.exr", option, expect=2).says(option.split("=")[0])
 
     def test_unknown_layout_names_the_nearest(self):
