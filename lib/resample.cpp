@@ -517,12 +517,16 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
 std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options) {
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
-  const int aprons = 2 * apron_width((options.filter ? *options.filter : all_filters().front()).kernel);
+  const Filter& filter = options.filter ? *options.filter : all_filters().front();
+  if (Resampler(source, options, filter).is_copy()) return out;
+  const int aprons = 2 * apron_width(filter.kernel);
   std::size_t padded = 0;
   for (const Image& face : source.faces)
     padded += static_cast<std::size_t>(face.width() + aprons) * static_cast<std::size_t>(face.height() + aprons) * 4 *
               sizeof(float);
-  return out + padded + (std::size_t{16} << 20);
+  // Highlights, texels adopted across seams, and what each thread works with.
+  const std::size_t rest = filter.limited ? padded / 8 : 0;
+  return out + padded + rest + std::min(std::size_t{16} << 20, padded / 8);
 }
 
 }  // namespace envconv

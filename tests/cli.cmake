@@ -4,7 +4,7 @@ find_package(Python3 REQUIRED COMPONENTS Interpreter)
 # Leaks are looked for in the test programs: in the tool, whose threads end with it, the search itself crashes at times.
 set(tool_options ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=0 ENVCONV_SANITIZE=${sanitizers})
 
-foreach(test IN ITEMS usage convert batch color info safety documents)
+foreach(test IN ITEMS usage convert batch color memory signals info safety documents)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "batch.h"
 
+#include <malloc.h>
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -129,6 +130,9 @@ void Batch::run_jobs(const Callbacks& callbacks) {
 }
 
 bool Batch::run(const Callbacks& callbacks) {
+  // An image that was freed goes back to the system, instead of staying with the thread that held it: glibc would
+  // otherwise keep up to 32 MB images, for each thread (measured: 300 MB where 65 were in use).
+  mallopt(M_MMAP_THRESHOLD, 1 << 20);
   // What the library's loops use besides the threads below.
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads_));
   std::vector<std::thread> workers;

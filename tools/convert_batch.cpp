@@ -205,7 +205,7 @@ class Run {
                       {"seconds", seconds},
                       {"texels", static_cast<std::int64_t>(texels)},
                       {"texels_per_second", seconds > 0 ? texels / seconds : 0.0},
-                      {"peak_memory", meter_.peak()},
+                      {"peak_memory", resident_peak()},
                       {"signal", ordered_json()}};
     if (signal_number != 0) json["signal"] = "SIG" + std::string(sigabbrev_np(signal_number));
     print_json({{"summary", std::move(json)}});
@@ -213,6 +213,7 @@ class Run {
 
   void tick() {
     if (const int signal_number = noted_signal()) stop(signal_number);
+    meter_.sample();
     progress_.update({converted_, failed_, skipped_, batch_.running_share(), batch_.texels_done()});
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a conversion will take of memory, told from the header alone.
 #include <algorithm>
+#include <string_view>
 
 #include "convert.h"
 #include "text.h"
@@ -14,7 +15,11 @@ std::size_t bytes_of(PixelType type) {
 }
 
 // The process itself, its threads and the buffers of codecs.
-constexpr std::size_t overhead = std::size_t{24} << 20;
+constexpr std::size_t overhead = std::size_t{12} << 20;
+
+// The image library and the 260 others that it brings along, once it is loaded for writing (measured: a picture of one
+// texel as PNG, TIFF or JPEG against OpenEXR).
+constexpr std::size_t image_library = std::size_t{116} << 20;
 
 }  // namespace
 
@@ -32,6 +37,8 @@ std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape&
 
   EnvImage image;
   image.layout = shape.source.layout;
+  image.placement = image.layout->info().placement;
+  image.consumer_from_world = shape.source.frame->consumer_from_world;
   image.channels = first.channels;
   for (int face = 0; face < image.layout->face_count(); ++face) {
     const Size size = face_size(*image.layout, face, shape.source.height);
@@ -40,13 +47,19 @@ std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape&
   ResampleOptions options;
   options.layout = o.layout;
   options.height = shape.height;
+  options.placement = o.layout->info().placement;
+  options.consumer_from_world = o.frame->consumer_from_world;
+  options.rotation = o.rotation;
   options.filter = o.filter;
   const std::size_t resampling = source + resample_bytes(image, options);
 
   const bool packed = shape.faces.size() > 1 && o.packing->name != "files" && o.packing->name != "parts";
   // While names are made there is no path yet, and nobody asks for the writing.
-  const bool streamed = job.paths.empty() || job.paths.front().ends_with(".exr") || job.paths.front().ends_with(".hdr");
-  std::size_t writing = result + (streamed ? 0 : result / 4 * bytes_of(o.write.type_given ? o.write.type : first.type));
+  const std::string_view path = job.paths.empty() ? ".exr" : std::string_view(job.paths.front());
+  const bool streamed = path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
+  const std::size_t picture = o.packing->name == "files" ? result / shape.faces.size() : result;  // one at a time
+  const std::size_t encoded = picture / 4 * bytes_of(o.write.type_given ? o.write.type : first.type);
+  std::size_t writing = result + (streamed ? 0 : encoded + image_library);
   if (o.write.verify) writing += result;
   if (packed) writing = std::max(writing, 2 * result);
   return overhead + std::max({reading, resampling, writing});

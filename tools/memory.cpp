@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "memory.h"
 
-#include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -85,34 +84,24 @@ std::size_t available_memory() {
 std::size_t resident_memory() { return kilobytes("/proc/self/status", "VmRSS:", 0); }
 std::size_t resident_peak() { return kilobytes("/proc/self/status", "VmHWM:", 0); }
 
-void MemoryMeter::take_mark() {
-  const std::size_t mark = resident_peak();
-  peak_ = std::max(peak_, mark);
-  for (auto& [job, peak] : running_) peak = std::max(peak, mark);
-  // "5" resets the mark (proc(5)); where that is not allowed, the peak is that since the beginning.
-  const int fd = open("/proc/self/clear_refs", O_WRONLY | O_CLOEXEC);
-  if (fd < 0) return;
-  [[maybe_unused]] const ssize_t written = write(fd, "5", 1);
-  close(fd);
-}
-
 void MemoryMeter::begin(int job) {
   const std::lock_guard lock(mutex_);
-  take_mark();
-  running_[job] = 0;
+  running_[job] = {resident_peak(), resident_memory()};
+}
+
+void MemoryMeter::sample() {
+  const std::lock_guard lock(mutex_);
+  const std::size_t now = resident_memory();
+  for (auto& [job, running] : running_) running.sampled = std::max(running.sampled, now);
 }
 
 std::size_t MemoryMeter::end(int job) {
+  sample();
   const std::lock_guard lock(mutex_);
-  take_mark();
-  const std::size_t peak = running_[job];
+  const Running running = running_[job];
   running_.erase(job);
-  return peak;
-}
-
-std::size_t MemoryMeter::peak() {
-  const std::lock_guard lock(mutex_);
-  return peak_ = std::max(peak_, resident_peak());
+  const std::size_t peak = resident_peak();
+  return peak > running.before ? peak : running.sampled;
 }
 
 }  // namespace envconv::tool

@@ -13,25 +13,26 @@ namespace envconv::tool {
 /// address space and data leave (ulimit -v, -d).
 std::size_t available_memory();
 
-/// Bytes of this process that are in memory now, and the most there were since the process began or the mark was reset.
+/// Bytes of this process that are in memory now, and the most there ever were.
 std::size_t resident_memory();
 std::size_t resident_peak();
 
-/// Finds for jobs that overlap in time the most memory that the process held while each of them ran.  Linux's one
-/// high-water mark is reset whenever a job begins or ends, and passed on to all that run.  Any thread may call it.
+/// Finds for jobs that overlap in time the most memory that the process held while each of them ran: exactly where that
+/// was more than ever before, and else as samples tell.  Any thread may call it.
 class MemoryMeter {
  public:
   void begin(int job);
+  /// Looks how much there is now.
+  void sample();
   /// Bytes, or 0 where the system does not tell.
   std::size_t end(int job);
-  /// The most of all.
-  std::size_t peak();
 
  private:
-  void take_mark();
+  struct Running {
+    std::size_t before, sampled;  // the process's peak when the job began; the most seen since
+  };
   std::mutex mutex_;
-  std::map<int, std::size_t> running_;
-  std::size_t peak_ = 0;
+  std::map<int, Running> running_;
 };
 
 }  // namespace envconv::tool
