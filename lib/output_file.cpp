@@ -218,12 +218,12 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
   const Making making;
   if (closing) return output_error(path, "not written, since the process is ending");
   for (int attempt = 0; attempt < 100 && state->fd < 0; ++attempt) {
-    const std::string name = state->folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
+    std::string name = state->folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
     // Registered before it exists: a signal between the two finds nothing to remove, never a file it does not know.
     state->slot = register_temporary(name);
     state->fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (state->fd >= 0) {
-      state->temporary = name;
+      state->temporary = std::move(name);  // which cannot fail: a file whose name is not kept would stay
       break;
     }
     const int code = errno;

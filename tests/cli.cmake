@@ -4,11 +4,16 @@ find_package(Python3 REQUIRED COMPONENTS Interpreter)
 # Leaks are looked for in the test programs: in the tool, whose threads end with it, the search itself crashes at times.
 set(tool_options ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=0 ENVCONV_SANITIZE=${sanitizers})
 
-foreach(test IN ITEMS usage convert batch color memory signals info safety documents)
+# Faults on order, for LD_PRELOAD.
+add_library(inject MODULE tests/inject.cpp)
+target_compile_options(inject PRIVATE -fno-builtin)  # else a call of malloc in malloc may be "optimised"
+target_link_libraries(inject PRIVATE ${CMAKE_DL_LIBS})
+
+foreach(test IN ITEMS usage convert batch color memory signals faults corpus info safety documents)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
-    "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};${tool_options}")
+    "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};ENVCONV_INJECTOR=$<TARGET_FILE:inject>;${tool_options}")
 endforeach()
 
 # Against other programs, which must be there.

@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <numeric>
-#include <system_error>
 #include <thread>
 
 namespace envconv::tool {
@@ -135,12 +135,25 @@ bool Batch::run(const Callbacks& callbacks) {
   mallopt(M_MMAP_THRESHOLD, 1 << 20);
   // What the library's loops use besides the threads below.
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads_));
-  std::vector<std::thread> workers;
+  // Whatever happens here, the threads end before what they work on does.
+  struct Workers {
+    Batch& batch;
+    std::vector<std::thread> threads;
+    ~Workers() {
+      {
+        const std::lock_guard lock(batch.mutex_);
+        batch.stopped_ = true;
+        batch.changed_.notify_all();
+      }
+      for (std::thread& thread : threads) thread.join();
+    }
+  } workers{*this, {}};
   const int wanted = std::min(count_, threads_ == 1 ? 1 : threads_ + 1);
+  workers.threads.reserve(static_cast<std::size_t>(wanted));
   try {
-    for (int i = 0; i < wanted; ++i) workers.emplace_back([&] { run_jobs(callbacks); });
-  } catch (const std::system_error&) {
-    if (workers.empty()) return false;  // fewer do as well
+    for (int i = 0; i < wanted; ++i) workers.threads.emplace_back([&] { run_jobs(callbacks); });
+  } catch (const std::exception&) {
+    if (workers.threads.empty()) return false;  // fewer do as well
   }
   std::unique_lock lock(mutex_);
   for (;;) {
@@ -162,7 +175,6 @@ bool Batch::run(const Callbacks& callbacks) {
     if (all_ended && all_reported) break;
     lock.lock();
   }
-  for (std::thread& worker : workers) worker.join();
   return true;
 }
 

@@ -89,6 +89,7 @@ int print_plan(const ConvertPlan& plan) {
 // What became of a job; written by its thread, read when it has ended.
 struct Ended {
   Result<Outcome> outcome = cancelled;
+  bool out_of_memory = false;
   double seconds = 0;
   std::size_t peak_memory = 0;
 };
@@ -128,6 +129,8 @@ class Run {
     const auto start = std::chrono::steady_clock::now();
     try {
       ended.outcome = run_job(plan_, plan_.jobs[number], turn);
+    } catch (const std::bad_alloc&) {
+      ended.out_of_memory = true;
     } catch (const std::exception& error) {
       ended.outcome = Error{ErrorCode::internal, plan_.jobs[number].input.name + ": a bug in envconv: " + error.what()};
     }
@@ -136,9 +139,15 @@ class Run {
     return ended.outcome.ok();
   }
 
+  // What work() had no memory to say.
+  void complete(Ended& ended, const Job& job) const {
+    if (ended.out_of_memory) ended.outcome = Error{ErrorCode::limit, job.input.name + ": not enough memory"};
+  }
+
   bool report(int number) {
     const Job& job = plan_.jobs[static_cast<std::size_t>(number)];
     Ended& ended = ended_[static_cast<std::size_t>(number)];
+    complete(ended, job);
     if (is_cancelled(ended.outcome)) return true;
     progress_.hide();
     count(ended);

@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <exception>
+#include <new>
+#include <string_view>
 
 #include "command.h"
 #include "generate.h"
@@ -91,6 +93,11 @@ int main(int argc, char** argv) {
     if (command && command->reads_files) envconv::start_isolated_reader();
     watch_signals();
     return finish_output(run(std::move(words)));
+  } catch (const std::bad_alloc&) {
+    // Nothing that takes memory.
+    constexpr std::string_view line = "envconv: not enough memory\n";
+    [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
+    return static_cast<int>(envconv::ErrorCode::limit);
   } catch (const std::exception& error) {
     complain(std::string("a bug in envconv: ") + error.what());
   } catch (...) {
