@@ -9,12 +9,15 @@ add_library(inject MODULE tests/inject.cpp)
 target_compile_options(inject PRIVATE -fno-builtin)  # else a call of malloc in malloc may be "optimised"
 target_link_libraries(inject PRIVATE ${CMAKE_DL_LIBS})
 
-foreach(test IN ITEMS usage convert batch color memory signals faults corpus info safety documents)
+foreach(test IN ITEMS usage convert batch color memory signals faults corpus cluster info safety documents)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
     "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};ENVCONV_INJECTOR=$<TARGET_FILE:inject>;${tool_options}")
 endforeach()
+
+# Daemons of a cluster of one node: ctest -LE cluster leaves them out.
+set_tests_properties(cli_cluster PROPERTIES LABELS "cli;cluster")
 
 # Against other programs, which must be there.
 add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/oracle_test.py)

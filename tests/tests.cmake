@@ -35,6 +35,7 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
 include(tests/cli.cmake)
+include(tests/fuzz.cmake)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
   target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not

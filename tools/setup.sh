@@ -5,7 +5,8 @@ set -eu
 build="g++ cmake ninja-build pkg-config libopenimageio-dev libopenexr-dev libopencolorio-dev libcli11-dev libtbb-dev
        libhwy-dev nlohmann-json3-dev"
 # Other people's readers and writers, and the shells whose completions are tried out.
-test="libgtest-dev openexr ffmpeg libchealpix-dev python3 man-db zsh fish locales python3-pil"
+test="libgtest-dev openexr ffmpeg libchealpix-dev python3 man-db zsh fish locales python3-pil
+      parallel slurm-wlm munge"
 
 wanted=$build
 if [ "${1:-build}" = test ]; then wanted="$build $test"; fi
