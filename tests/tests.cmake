@@ -34,6 +34,11 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
+# The scheduler of the tool, alone.
+envconv_test(batch_test LIBRARIES TBB::tbb)
+target_sources(batch_test PRIVATE tools/batch.cpp)
+target_include_directories(batch_test PRIVATE tools)
+
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
 if(TARGET io_test)
