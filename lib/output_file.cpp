@@ -78,10 +78,11 @@ std::string random_suffix() {
   return text;
 }
 
-// Temporaries of a process that was killed.  Its lock went with it; the process id must be gone as well, since a file
-// is made before it is locked.  Done once per folder and process: a batch should not list a large folder for every
-// file.
-void remove_stale(const std::string& folder) {
+}  // namespace
+
+// The lock of a process that was killed went with it; its id must be gone as well, since a file is made before it is
+// locked.  Done once: a batch should not list a large folder for every file.
+void remove_stale_temporaries(const std::string& folder) {
   static std::mutex mutex;
   static std::set<std::string> done;
   {
@@ -103,8 +104,6 @@ void remove_stale(const std::string& folder) {
   }
   ::closedir(dir);
 }
-
-}  // namespace
 
 void remove_temporaries() noexcept {
   const int saved = errno;
@@ -214,7 +213,7 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
   }
   if (!S_ISDIR(info.st_mode)) return output_error(path, "its folder is not a folder");
   if (state->target.back() == '/') return output_error(path, "ends in a slash (give a file name)");
-  remove_stale(state->folder);
+  remove_stale_temporaries(state->folder);
   const Making making;
   if (closing) return output_error(path, "not written, since the process is ending");
   for (int attempt = 0; attempt < 100 && state->fd < 0; ++attempt) {

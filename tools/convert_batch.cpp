@@ -5,12 +5,14 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "convert.h"
 #include "interrupt.h"
 #include "memory.h"
+#include "output_file.h"
 #include "progress.h"
 #include "text.h"
 
@@ -94,6 +96,11 @@ struct Ended {
   std::size_t peak_memory = 0;
 };
 
+std::string folder_of(const std::string& path) {
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  return parent.empty() ? "." : parent.string();
+}
+
 bool is_cancelled(const Result<Outcome>& outcome) { return !outcome && outcome.error().message.empty(); }
 
 class Run {
@@ -108,6 +115,10 @@ class Run {
 
   int run() {
     const WindingUp winding_up;
+    // Now, since a batch of which all is there already writes nothing.
+    for (const Job& job : plan_.jobs) {
+      for (const std::string& path : job.paths) remove_stale_temporaries(folder_of(path));
+    }
     const bool ran = batch_.run({[this](Batch::Turn& turn) { return work(turn); },
                                  [this](int number) { return report(number); }, [this] { tick(); }});
     if (!ran) return fail({ErrorCode::limit, "no thread could be started (raise the limit on memory or processes)"});

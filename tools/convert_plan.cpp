@@ -35,7 +35,10 @@ std::string canonical(const std::string& path) {
 Result<Ok> fill_in(ConvertOptions& o) {
   if (!o.layout) o.layout = find_layout("cube");
   if (!o.frame) o.frame = find_frame("world");
-  if (o.threads == 0) o.threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  // More than there are cores gain nothing; but that results do not depend on them can be seen on small machines too.
+  constexpr int always = 8;
+  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  o.threads = o.threads == 0 ? cores : std::min(o.threads, std::max(cores, always));
   if (o.memory == 0) o.memory = static_cast<std::int64_t>(available_memory() / 4 * 3);
   if (o.size && o.texels) return usage("--size and --texels: only one of them can be given");
   if (!o.packing) {

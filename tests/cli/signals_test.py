@@ -43,7 +43,7 @@ class Signals(Case):
             time.sleep(0.001)
 
     def test_interrupted_batches_say_how_far_they_came(self):
-        names = self.make(60)
+        names = self.make(40)
         whole = self.whole(names, "--size", 64)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             tool = self.start(*names, "-o", "out/", "--size", 64, "--json")
@@ -53,7 +53,7 @@ class Signals(Case):
             out, err = tool.communicate(timeout=10)
             self.assertLess(time.monotonic() - start, 10 if SANITIZED else 1.5)
             self.assertEqual(tool.returncode, -number)
-            said = re.fullmatch(r"envconv: interrupted: (\d+) of 60 done\n", err.decode())
+            said = re.fullmatch(r"envconv: interrupted: (\d+) of 40 done\n", err.decode())
             self.assertTrue(said, err)
             *files, last = [json.loads(line) for line in out.splitlines()]
             summary = last["summary"]
@@ -71,12 +71,12 @@ class Signals(Case):
                 self.path("out/" + name).unlink()
 
     def test_at_any_point(self):
-        names = self.make(6, 256)
+        names = self.make(6, 128)
         start = time.monotonic()
-        self.whole(names, "--size", 256)
+        self.whole(names, "--size", 128)
         duration = time.monotonic() - start
         for i in range(20):
-            tool = self.start(*names, "-o", "out/", "--size", 256)
+            tool = self.start(*names, "-o", "out/", "--size", 128)
             time.sleep(duration * i / 20)
             tool.send_signal(signal.SIGTERM)
             _, err = tool.communicate(timeout=10)
@@ -160,9 +160,13 @@ class Signals(Case):
             self.path("out/" + name).write_bytes(b"x")
         self.run_tool("convert", *names, "-o", "out/").is_silent()
         self.assertEqual(self.outputs(), sorted([living, ".envconv-notes.tmp", *names]))
+        # When there is nothing to write, too.
+        self.path("out/" + stale).write_bytes(b"x")
+        self.run_tool("convert", *names, "-o", "out/", "-n").is_silent()
+        self.assertEqual(self.outputs(), sorted([living, ".envconv-notes.tmp", *names]))
 
     def test_batches_share_a_folder(self):
-        names = self.make(40)
+        names = self.make(20)
         whole = self.whole(names, "--size", 16)
         for _ in range(3):
             tools = [self.start(*names, "-o", "out/", "--size", 16) for _ in range(4)]
