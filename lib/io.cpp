@@ -357,9 +357,9 @@ bool drops_alpha(const PictureSpec& p, const ReadOptions& options) {
   return options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
 }
 
-// Gives the image, which has a size, its pixels.
-Result<Ok> decode_picture(Decoder& decoder, int number, const ReadOptions& options, Image& image) {
-  const FileSpec& spec = decoder.spec();
+// Gives the image, which has a size, its pixels.  `spec` is the decoder's, with its colours settled.
+Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, const ReadOptions& options,
+                          Image& image) {
   const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
   image = Image(image.width(), image.height(), image.channels());
   const bool drop_alpha = drops_alpha(p, options);
@@ -449,7 +449,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   if (options.header_only) return file;
   if (options.accept) ENVCONV_CHECK(options.accept(file));
   for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-    const auto decoded = decode_picture(decoder, static_cast<int>(i), options, file.pictures[i].image);
+    const auto decoded = decode_picture(decoder, spec, static_cast<int>(i), options, file.pictures[i].image);
     if (!decoded) return on(path, decoded.error());
   }
   return file;

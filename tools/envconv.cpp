@@ -80,12 +80,33 @@ int run(std::vector<std::string> words) {
   return command->run(invocation->operands);
 }
 
+// Says so without taking any memory.
+int out_of_memory() {
+  constexpr std::string_view line = "envconv: not enough memory\n";
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
+  return static_cast<int>(ErrorCode::limit);
+}
+
+// An exception in a place that none may leave: a library's thread that runs out of memory, for one.
+[[noreturn]] void on_terminate() {
+  remove_unfinished();
+  int status = static_cast<int>(ErrorCode::internal);
+  try {
+    if (std::current_exception()) throw;
+  } catch (const std::bad_alloc&) {
+    status = out_of_memory();
+  } catch (...) {
+  }
+  _exit(status);
+}
+
 }  // namespace
 }  // namespace envconv::tool
 
 int main(int argc, char** argv) {
   using namespace envconv::tool;
   hold_standard_streams();
+  std::set_terminate(on_terminate);
   std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
   try {
     const Command* command = words.empty() ? nullptr : find_command(words.front());
@@ -94,10 +115,7 @@ int main(int argc, char** argv) {
     watch_signals();
     return finish_output(run(std::move(words)));
   } catch (const std::bad_alloc&) {
-    // Nothing that takes memory.
-    constexpr std::string_view line = "envconv: not enough memory\n";
-    [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
-    return static_cast<int>(envconv::ErrorCode::limit);
+    return out_of_memory();
   } catch (const std::exception& error) {
     complain(std::string("a bug in envconv: ") + error.what());
   } catch (...) {

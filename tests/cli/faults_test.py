@@ -224,11 +224,19 @@ class Disks(Injected):
 
 @unittest.skipIf(SANITIZED, "a sanitizer wants to be loaded first")
 class Allocations(Injected):
+    def pixels(self, name):
+        """Of a file whose chunks may be stored as they are: a codec without memory does that."""
+        self.run_tool("convert", name, "-o", "plain.exr", "--compression", "none", "-q")
+        found = read_exr(self.path("plain.exr"))[2]
+        self.path("plain.exr").unlink()
+        return found
+
     def test_any_allocation_may_fail(self):
         write_exr(self.path("in.exr"), 32, 16, lambda x, y: (x, y, 0.5))
-        words = ("in.exr", "-o", "out.exr", "--size", 16, "-j", 1)
+        # Verified: OpenEXR's compressors take no notice of an allocation that fails, and store rubbish.
+        words = ("in.exr", "-o", "out.exr", "--size", 16, "-j", 1, "--verify")
         self.run_injected("malloc:0:0", *words, expect=(0,))
-        good, calls = self.path("out.exr").read_bytes(), self.calls
+        good, calls = self.pixels("out.exr"), self.calls
         self.assertGreater(calls, 200)
         step = max(1, calls // 40)
         for rest in ("", ":from"):
@@ -238,13 +246,11 @@ class Allocations(Injected):
                 status = self.run_injected(f"malloc:{n}:{errno.ENOMEM}{rest}", *words)
                 # 3 and 4 where a codec ran out of it, which says what it knows.
                 self.assertIn(status, (0, 3, 4, 6), (n, rest, self.err))
-                if status == 0:
-                    self.assertEqual(self.path("out.exr").read_bytes(), good, (n, rest))
-                else:
+                # What failed may have been the last words, when the output had its name.
+                if status == 0 or self.path("out.exr").exists():
+                    self.assertEqual(self.pixels("out.exr"), good, (n, rest))
+                if status != 0:
                     self.assertNotEqual(self.err, "")
-                    # What failed may have been the last words, when the output had its name.
-                    if self.path("out.exr").exists():
-                        self.assertEqual(self.path("out.exr").read_bytes(), good, (n, rest))
                     self.assertLessEqual(set(self.files()), {"in.exr", "out.exr"}, (n, rest, self.err))
 
 
