@@ -80,10 +80,13 @@ int run(std::vector<std::string> words) {
   return command->run(invocation->operands);
 }
 
-// Says so without taking any memory.
-int out_of_memory() {
-  constexpr std::string_view line = "envconv: not enough memory\n";
+// A line on stderr that takes no memory.
+void last_words(std::string_view line) {
   [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
+}
+
+int out_of_memory() {
+  last_words("envconv: not enough memory\n");
   return static_cast<int>(ErrorCode::limit);
 }
 
@@ -97,6 +100,7 @@ int out_of_memory() {
     status = out_of_memory();
   } catch (...) {
   }
+  if (status == static_cast<int>(ErrorCode::internal)) last_words("envconv: a bug in envconv, or no memory to go on\n");
   _exit(status);
 }
 
