@@ -164,7 +164,10 @@ LayoutFigures measure_figures(const Layout& layout) {
   LayoutFigures figures;
   figures.sampling_requirement = face_area(layout) * largest * largest;
   figures.anisotropy = sup(anisotropy_quantity);
-  figures.texel_ratio = sup(density_quantity) * sup(inverse_density_quantity);
+  const double densest = sup(density_quantity), thinnest = sup(inverse_density_quantity);
+  figures.texel_ratio = densest * thinnest;
+  figures.largest_texel = face_area(layout) * densest;
+  figures.smallest_texel = face_area(layout) / thinnest;
   return figures;
 }
 

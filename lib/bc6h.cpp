@@ -1,4 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
+// BC6H of images.  How a block is encoded (bc6h_search.cpp, bc6h_lanes-inl.h):
+//
+// A block of 4x4 texels is one line, or two over one of 32 partitions of the texels, in the space of half bit patterns;
+// each texel has the index of a point on its line.  What is sought is the mode, the partition, the end points and the
+// indices of least error, in the metric that bc6h_lanes-inl.h explains.
+//
+//  1. The 32 partitions are ranked by the variance across their regions' principal axes, which no index can express.
+//  2. In the most promising ones, and with one region, texels are projected on the axes, which gives indices, for which
+//     least squares give end points.  With the end points' best values known, what each mode's rounding and its reach
+//     of differences adds to the error is a quadratic form, so all modes are compared without decoding anything.
+//  3. The best mode is tried in earnest: end points rounded (the second one to suit the first), indices chosen among
+//     all, the error that of a decoder's output bit for bit.  Partitions that do well go on: from several starts that
+//     put the texels on a part of the line only (coarsely rounded end points hit better from afar), with least squares
+//     for the indices found.
+//  4. The end points of the best encoding move by single steps as long as that helps.
+//
+// What bounds it: steps 2 to 4 end in local minima.  Against trying all modes and partitions from many starts, each
+// followed by a descent, the loss over six panoramas is 0.6 dB (fast), 0.2 dB (normal) and 0.1 dB (best).  The format
+// itself is coarse where a block holds black and a sun: 16 levels over up to 30 octaves, or 8 with end points rounded
+// to half octaves; such blocks alone can move a panorama's mean by some percent.
 #include "bc6h.h"
 
 #include <half.h>
@@ -7,84 +27,39 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 
 #include "bc6h_format.h"
+#include "bc6h_search.h"
 
 namespace envconv {
 namespace {
 
 using bc6h::Block;
-using Texels = std::array<std::array<int, 3>, 16>;  // half bit patterns
+using bc6h::most_blocks;
+using bc6h::Settings;
+using bc6h::Texels;
 
-int half_bits(float value) {
-  if (!(value > 0)) return 0;  // NaN too
-  return Imath::half(std::min(value, 65504.f)).bits();
+Settings settings_of(Bc6hEffort effort) {
+  switch (effort) {
+    case Bc6hEffort::fast:
+      return {.partitions = 8, .survivors = 1, .spans = 6, .modes = 1, .refinements = 1, .polish = 0, .reach = 1};
+    case Bc6hEffort::normal: break;
+    case Bc6hEffort::best:
+      return {.partitions = 32, .survivors = 8, .spans = 6, .modes = 3, .refinements = 3, .polish = 4, .reach = 4};
+  }
+  return {.partitions = 20, .survivors = 3, .spans = 6, .modes = 1, .refinements = 1, .polish = 1, .reach = 2};
 }
 
-// The block at (4 bx, 4 by), its last column and row continued where the image ends.
-Texels gather(const Image& image, int bx, int by) {
-  Texels out;
+// Block (column, row) of the image, its last column and row going on where the image ends.
+void gather(const Image& image, int column, int row, int block, Texels& texels) {
   const int step = image.channels() >= 3 ? 1 : 0;
-  for (int t = 0; t < 16; ++t) {
-    const float* from =
-        image.at(std::min(4 * bx + t % 4, image.width() - 1), std::min(4 * by + t / 4, image.height() - 1));
-    for (int c = 0; c < 3; ++c)
-      out[static_cast<std::size_t>(t)][static_cast<std::size_t>(c)] = half_bits(from[c * step]);
-  }
-  return out;
-}
-
-constexpr int one_region = 10;  // the mode of 10 bits and one region
-
-// The stored number whose half bit pattern is nearest.
-int quantize(int half_bits, int bits) {
-  const int top = (1 << bits) - 1;
-  return std::clamp((half_bits * 64 / 31 << bits) >> 16, 0, top);
-}
-
-// End points at the corners of the bounding box, the diagonal chosen by the correlation with green.
-Block encode_one_region(const Texels& texels) {
-  Block block{};
-  block.mode = one_region;
-  const int bits = bc6h::modes[one_region].end_bits;
-  std::array<int, 3> low = texels[0], high = texels[0];
-  std::array<double, 3> mean{}, with_green{};
-  for (const auto& texel : texels)
-    for (std::size_t c = 0; c < 3; ++c) {
-      low[c] = std::min(low[c], texel[c]);
-      high[c] = std::max(high[c], texel[c]);
-      mean[c] += texel[c] / 16.0;
-    }
-  for (const auto& texel : texels)
-    for (std::size_t c = 0; c < 3; ++c) with_green[c] += (texel[c] - mean[c]) * (texel[1] - mean[1]);
-  std::array<std::array<int, 3>, 2> ends;
-  for (std::size_t c = 0; c < 3; ++c) {
-    if (with_green[c] < 0) std::swap(low[c], high[c]);
-    block.ends[0][c] = quantize(low[c], bits);
-    block.ends[1][c] = quantize(high[c], bits);
-    for (std::size_t e = 0; e < 2; ++e) ends[e][c] = bc6h::unquantize(block.ends[e][c], bits);
-  }
-  for (std::size_t t = 0; t < 16; ++t) {
-    double least = HUGE_VAL;
-    for (int i = 0; i < 16; ++i) {
-      double error = 0;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const double d =
-            bc6h::to_half_bits(bc6h::interpolate(ends[0][c], ends[1][c], bc6h::weight(1, i))) - texels[t][c];
-        error += d * d;
-      }
-      if (error < least) {
-        least = error;
-        block.index[t] = static_cast<std::uint8_t>(i);
-      }
+  for (int y = 0; y < 4; ++y) {
+    const float* from = image.row(std::min(4 * row + y, image.height() - 1));
+    for (int x = 0; x < 4; ++x) {
+      const float* texel = from + std::min(4 * column + x, image.width() - 1) * image.channels();
+      for (int c = 0; c < 3; ++c) texels.radiance[4 * y + x][c][block] = texel[c * step];
     }
   }
-  if (block.index[0] >= 8) {  // the first texel's highest bit is not stored
-    std::swap(block.ends[0], block.ends[1]);
-    for (std::uint8_t& index : block.index) index = static_cast<std::uint8_t>(15 - index);
-  }
-  return block;
 }
 
 int blocks_along(int texels) { return (texels + 3) / 4; }
@@ -95,13 +70,22 @@ std::size_t bc6h_bytes(int width, int height) {
   return static_cast<std::size_t>(blocks_along(width)) * static_cast<std::size_t>(blocks_along(height)) * 16;
 }
 
-void encode_bc6h(const Image& image, Bc6hEffort, int threads, std::uint8_t* blocks) {
-  const int columns = blocks_along(image.width()), rows = blocks_along(image.height());
+void encode_bc6h(const Image& image, Bc6hEffort effort, int threads, std::uint8_t* blocks) {
+  const int columns = blocks_along(image.width()), count = columns * blocks_along(image.height());
+  const Settings settings = settings_of(effort);
   tbb::task_arena arena(threads > 0 ? threads : tbb::task_arena::automatic);
   arena.execute([&] {
-    tbb::parallel_for(0, rows, [&](int y) {
-      std::uint8_t* to = blocks + static_cast<std::size_t>(y) * static_cast<std::size_t>(columns) * 16;
-      for (int x = 0; x < columns; ++x, to += 16) bc6h::pack(encode_one_region(gather(image, x, y)), to);
+    tbb::parallel_for(0, (count + most_blocks - 1) / most_blocks, [&](int batch) {
+      const int first = batch * most_blocks, n = std::min(most_blocks, count - first);
+      Texels texels;
+      for (int i = 0; i < most_blocks; ++i) {
+        const int block = first + std::min(i, n - 1);
+        gather(image, block % columns, block / columns, i, texels);
+      }
+      std::array<Block, most_blocks> found;
+      bc6h::search(texels, n, settings, found.data());
+      for (int i = 0; i < n; ++i)
+        bc6h::pack(found[static_cast<std::size_t>(i)], blocks + static_cast<std::size_t>(first + i) * 16);
     });
   });
 }

@@ -6,8 +6,8 @@ namespace envconv {
 std::span<const Filter> all_filters() {
   static constexpr Filter filters[] = {
       {.name = "auto",
-       .note = "exact footprints of a high-order cubic (OMOMS); highlights without ringing",
-       .kernel = Kernel::omoms,
+       .note = "exact footprints of a band-limited reconstruction; highlights without ringing",
+       .kernel = Kernel::band_limited,
        .spacing = 1.3,
        .least_samples = 2,
        .limited = true},

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "assertion.h"
 #include "solid_angle.h"
@@ -58,9 +59,9 @@ struct Histogram {
 
 }  // namespace
 
-float* Source::excess_at(int face, int x, int y, bool create) {
+Highlights::Block* Source::block_at(int face, int x, int y, bool create) {
   const SourceFace& s = faces_[static_cast<std::size_t>(face)];
-  ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
+  ENVCONV_ASSERT(x >= 0 && x < s.columns && y >= 0 && y < s.rows);
   constexpr int side = Highlights::side;
   std::int32_t& index = highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];
   if (index < 0) {
@@ -69,26 +70,21 @@ float* Source::excess_at(int face, int x, int y, bool create) {
     highlights_.blocks.emplace_back();
     highlights_.blocks.back() = {};
   }
-  return highlights_.blocks[static_cast<std::size_t>(index)].excess[y % side * side + x % side];
+  return &highlights_.blocks[static_cast<std::size_t>(index)];
+}
+
+float* Source::excess_at(int face, int x, int y, bool create) {
+  Highlights::Block* block = block_at(face, x, y, create);
+  return block ? block->excess[Highlights::place(x, y)] : nullptr;
 }
 
 std::uint64_t* Source::received_at(int face, int x, int y) {
-  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
-  ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
-  constexpr int side = Highlights::side;
-  const std::int32_t index =
-      highlights_.index[static_cast<std::size_t>(s.first_block + y / side * s.blocks + x / side)];
-  return index < 0 ? nullptr
-                   : &highlights_.blocks[static_cast<std::size_t>(index)].received[y % side * side + x % side];
+  Highlights::Block* block = block_at(face, x, y, false);
+  return block ? &block->received[Highlights::place(x, y)] : nullptr;
 }
 
 void Source::split_highlights() {
   const auto brightness = [](const float* t) { return std::max({std::abs(t[0]), std::abs(t[1]), std::abs(t[2])}); };
-  const auto texel = [&](const SourceFace& s, int x, int y) {
-    return texels_.data() +
-           4 * (static_cast<std::size_t>(s.first) + static_cast<std::size_t>(y) * static_cast<std::size_t>(s.pitch) +
-                static_cast<std::size_t>(x));
-  };
   Histogram histogram;
   std::size_t total = 0;
   for (const SourceFace& s : faces_)
@@ -97,25 +93,29 @@ void Source::split_highlights() {
   for (const SourceFace& s : faces_)
     for (int y = 0; y < s.size.height; y += step)
       for (int x = (y / step) % step; x < s.size.width; x += step)
-        histogram.add(static_cast<double>(brightness(texel(s, x + apron_, y + apron_))));
+        histogram.add(static_cast<double>(brightness(pixel(s, x + apron_, y + apron_))));
   double limit = threshold_over_mean * histogram.mean_below(1e30);
   for (int i = 0; i < 40; ++i) limit = threshold_over_mean * histogram.mean_below(limit);
   while (limit > 0 && histogram.share_above(limit) > most_texels) limit *= 1.5;
-  if (!(limit > 0)) return;
-  threshold_ = static_cast<float>(limit);
+  threshold_ = limit > 0 ? static_cast<float>(limit) : std::numeric_limits<float>::max();
 
   struct Found {
     std::int32_t face, x, y;
     float base[4];
   };
   std::vector<Found> found;
+  std::fill_n(lowest_, 4, std::numeric_limits<float>::max());
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const SourceFace& s = faces_[f];
     std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
+    std::vector<Texel> low(rows.size());
     tbb::parallel_for(0, s.size.height, [&](int j) {
       const int y = j + apron_;
+      const RowRange range = range_of(s, j);
+      low[static_cast<std::size_t>(j)] = range.low;
+      if (range.brightest <= threshold_) return;
       for (int x = apron_; x < apron_ + s.size.width; ++x) {
-        const float* t = texel(s, x, y);
+        const float* t = pixel(s, x, y);
         if (brightness(t) <= threshold_) continue;
         if (layout_->info().domain != Domain::square &&
             !layout_->owns(static_cast<int>(f), u_from_texel(x - apron_, s.size.width, placement_),
@@ -127,25 +127,27 @@ void Source::split_highlights() {
         double sum[4]{}, n = 0;
         for (int yy = std::max(y - 2, apron_); yy <= std::min(y + 2, apron_ + s.size.height - 1); ++yy)
           for (int xx = std::max(x - 2, apron_); xx <= std::min(x + 2, apron_ + s.size.width - 1); ++xx) {
-            const float* q = texel(s, xx, yy);
+            const float* q = pixel(s, xx, yy);
             if (brightness(q) > threshold_) continue;
             for (int c = 0; c < 3; ++c) sum[c] += static_cast<double>(q[c]);
             n += 1;
           }
         for (int c = 0; c < 3; ++c) hit.base[c] = std::min(t[c], n > 0 ? static_cast<float>(sum[c] / n) : threshold_);
-        hit.base[3] = t[3];  // alpha, or no channel at all
+        hit.base[3] = channels_ > 3 ? t[3] : 0;  // alpha, or no channel at all
         rows[static_cast<std::size_t>(j)].push_back(hit);
       }
     });
     for (const auto& row : rows) found.insert(found.end(), row.begin(), row.end());
+    for (const Texel& row : low)
+      for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], row[c]);
   }
   for (const Found& h : found) {
-    float* t = texel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);
-    float* e = excess_at(h.face, h.x, h.y, true);
-    for (int c = 0; c < 4; ++c) {
-      e[c] = t[c] - h.base[c];
-      t[c] = h.base[c];
-    }
+    const float* t = pixel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);
+    Highlights::Block& block = *block_at(h.face, h.x, h.y, true);
+    const int k = Highlights::place(h.x, h.y);
+    block.split[k] = true;
+    std::copy_n(h.base, 4, block.base[k]);
+    for (int c = 0; c < channels_; ++c) block.excess[k][c] = t[c] - h.base[c];
   }
 }
 
@@ -176,15 +178,12 @@ void Source::spread_highlights() {
   };
   for (int f = 0; f < layout_->face_count(); ++f) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
-    const auto in_face = [&](int x, int y) {
-      return x >= apron_ && x < apron_ + s.size.width && y >= apron_ && y < apron_ + s.size.height;
-    };
     for (int by = 0; by < s.rows; by += side)
-      for (int bx = 0; bx < s.pitch; bx += side) {
+      for (int bx = 0; bx < s.columns; bx += side) {
         if (!excess_at(f, bx, by, false)) continue;
         for (int y = by; y < by + side; ++y)
           for (int x = bx; x < bx + side; ++x) {
-            if (!in_face(x, y)) continue;
+            if (!in_face(s, x, y)) continue;
             float* e = excess_at(f, x, y, false);
             if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
             Vec3 d, thin;
@@ -305,11 +304,10 @@ std::vector<StrandedEnergy> Source::conserve_highlights() {
       texel_solid_angles(*layout_, f, s.size, placement_, x0 - apron_, y0 - apron_, x1 - x0, y1 - y0, omega);
       for (int y = y0; y < y1; ++y)
         for (int x = x0; x < x1; ++x) {
-          float* e = block.excess[y % side * side + x % side];
+          float* e = block.excess[Highlights::place(x, y)];
           if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
           const double own = omega[(y - y0) * (x1 - x0) + (x - x0)];
-          const double got =
-              static_cast<double>(block.received[y % side * side + x % side]) * Highlights::received_unit;
+          const double got = static_cast<double>(block.received[Highlights::place(x, y)]) * Highlights::received_unit;
           if (got > 0) {
             const float scale = static_cast<float>(own / got);
             for (int c = 0; c < 4; ++c) e[c] *= scale;

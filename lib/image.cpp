@@ -30,6 +30,8 @@ Image::Image(int width, int height, int channels) : width_(width), height_(heigh
 #ifdef MADV_HUGEPAGE
   if (large) madvise(pixels_.get(), bytes, MADV_HUGEPAGE);
 #endif
+  // What such loads find there must be numbers.
+  std::fill(pixels_.get() + value_count(), pixels_.get() + bytes / sizeof(float), 0.0f);
 }
 
 void Image::fill(float value) { std::fill_n(data(), value_count(), value); }

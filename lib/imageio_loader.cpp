@@ -16,6 +16,7 @@
 #include "color_encoding.h"
 #include "output_file.h"
 #include "png_color.h"
+#include "texture_file.h"
 
 namespace envconv {
 namespace {
@@ -154,7 +155,9 @@ void take_profile(const std::string& name, FileSpec& spec) {
 
 }  // namespace
 
-bool needs_imageio(const std::string& format) { return format != "openexr" && format != "hdr"; }
+bool needs_imageio(const std::string& format) {
+  return format != "openexr" && format != "hdr" && !is_texture_file(format);
+}
 
 Result<const EnvconvImageio*> load_imageio() {
   static std::mutex mutex;

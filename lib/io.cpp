@@ -19,12 +19,14 @@
 #include <memory>
 #include <thread>
 
+#include "dds.h"
 #include "decoder.h"
 #include "exr.h"
 #include "hdr.h"
 #include "imageio_loader.h"
 #include "io_shared.h"
 #include "isolated_reader.h"
+#include "ktx.h"
 
 namespace envconv {
 
@@ -122,6 +124,9 @@ Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limi
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
   if (format == "openexr") return open_exr(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
+  if (format == "dds") return open_dds(fd, options);
+  if (format == "ktx") return open_ktx1(fd, options);
+  if (format == "ktx2") return open_ktx2(fd, options);
   return open_imageio(format, fd, options);
 }
 
@@ -159,6 +164,8 @@ Result<std::string> sniff(const std::string& head, const std::string& tail, cons
   if (starts("GIF87a") || starts("GIF89a")) return std::string("gif");
   if (starts("8BPS")) return std::string("psd");
   if (starts("DDS ")) return std::string("dds");
+  if (starts("\xabKTX 11\xbb\r\n\x1a\n"sv)) return std::string("ktx");
+  if (starts("\xabKTX 20\xbb\r\n\x1a\n"sv)) return std::string("ktx2");
   if (starts("\0\0\0\x0cjP  "sv) || starts("\xff\x4f\xff\x51"sv)) return std::string("jpeg2000");
   if (starts("ftyp", 4)) {
     for (const char* brand : {"heic", "heix", "mif1", "avif"}) {
@@ -200,7 +207,7 @@ Result<std::string> sniff(const std::string& head, const std::string& tail, cons
   }
   return Error{ErrorCode::input,
                "not a picture of a known format (exr hdr png tiff jpeg webp tga bmp pnm pfm gif jp2 "
-               "psd dds heif sgi)"};
+               "psd dds ktx ktx2 heif sgi)"};
 }
 
 std::string read_at(int fd, off_t position, std::size_t count) {
@@ -339,11 +346,13 @@ Result<Ok> check_claims(const FileSpec& spec, const std::string& format, const R
   }
   if (total > (std::int64_t{1} << 62) / (4 * kMaxChannels))
     return Error{ErrorCode::limit, "too large for this machine"};
-  // No run-length or Deflate stream packs tighter than this.  PIZ, DWA and the wavelet formats do, for a plain colour.
+  // No run-length or Deflate stream packs tighter than this; Zstandard packs a plain colour, of which a block of 128 kB
+  // takes 4 bytes, tighter, and PIZ, DWA and the wavelet formats know no bound.
   const std::string& c = spec.compression;
   const bool tight =
       c == "piz" || c == "dwaa" || c == "dwab" || format == "webp" || format == "jpeg2000" || format == "heif";
-  if (!options.trust_input && !tight && bytes > 1e6 && bytes > 1e4 * static_cast<double>(file_size)) {
+  const double densest = c == "zstd" ? 1e5 : 1e4;
+  if (!options.trust_input && !tight && bytes > 1e6 && bytes > densest * static_cast<double>(file_size)) {
     return Error{ErrorCode::input, "claims " + std::to_string(static_cast<std::int64_t>(bytes / 1e6)) +
                                        " MB of pixels in a file of " + std::to_string(file_size) +
                                        " bytes (--trust-input reads it all the same)"};

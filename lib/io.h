@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files: pictures in, pictures out, whole or not at all.  EXR goes through OpenEXR, Radiance through our own code,
-// everything else through the image library's module, which is loaded only when a file needs it.
+// Files: pictures in, pictures out, whole or not at all.  EXR goes through OpenEXR; Radiance, DDS, KTX and KTX2 through
+// our own code; everything else through the image library's module, which is loaded only when a file needs it.
 #pragma once
 
 #include <cstdint>
@@ -27,7 +27,7 @@ std::string_view name_of(PixelType type);  ///< "half", "float", "uint8" ... "r1
 /// "unknown N" for a kind that OpenEXR does not define).
 using Metadata = std::map<std::string, std::string>;
 
-/// One picture of a file: the only one, an EXR part, or a face's file.
+/// One picture of a file: the only one, an EXR part, a face or layer of a DDS, KTX or KTX2 file, or a face's file.
 struct Picture {
   std::string name;  ///< part name, or ""
   Image image;       ///< linear, alpha associated
@@ -38,7 +38,7 @@ struct Picture {
 /// A file as it was read.
 struct PictureFile {
   std::string path;
-  std::string format;             ///< "openexr", "hdr", "png", "tiff", "jpeg" ...
+  std::string format;             ///< "openexr", "hdr", "png", "dds", "ktx2" ...
   std::string compression;        ///< the format's name for it, or ""
   std::string color;              ///< the curve that values were stored along: "linear", "sRGB", "gamma 2.2" ...
   ColorEncoding color_encoding;   ///< the same for programs, and the primaries where the file tells them
@@ -110,13 +110,17 @@ struct WriteReport {
   std::vector<std::string> warnings;
 };
 
+/// True when the path's extension is that of a file which keeps faces of one size apart by itself, as the faces of a
+/// cube or the layers of an array: dds, ktx, ktx2.
+bool holds_faces(const std::string& path);
+
 /// True when the path's extension names a format that can be written, with so many pictures (EXR parts; faces or layers
 /// of DDS and KTX) and MIP levels: the reason otherwise.
 Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels = 1);
 
-/// Writes pictures (more than one: EXR parts) to a temporary name in the same folder, syncs and renames: a reader never
-/// sees half a file, and a failure leaves the old content and nothing else.  Integer formats hold what
-/// WriteOptions::encoding makes of the pixels.  Errors: output, unsupported.
+/// Writes pictures (more than one: EXR parts, or faces or layers of DDS, KTX and KTX2) to a temporary name in the same
+/// folder, syncs and renames: a reader never sees half a file, and a failure leaves the old content and nothing else.
+/// Integer formats hold what WriteOptions::encoding makes of the pixels.  Errors: output, unsupported.
 Result<WriteReport> write_pictures(const std::string& path, const std::vector<Picture>& pictures,
                                    const WriteOptions& options);
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <exception>
+#include <memory>
 #include <new>
 #include <string>
 
@@ -36,6 +37,11 @@ double linear_to_srgb(double v);
 struct FreeBytes {
   void operator()(void* p) const;
 };
+
+/// Pixels as integers, uint8 or uint16: [height][width][channels], rounded, colour apart from alpha.  What does not fit
+/// is clamped and counted.
+std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType type, Encoding encoding,
+                                             WriteReport& report);
 
 /// As read_pictures(), which is this with exceptions caught.
 Result<PictureFile> read_file(const std::string& path, const ReadOptions& options);

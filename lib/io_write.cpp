@@ -12,11 +12,13 @@
 #include <memory>
 #include <span>
 
+#include "dds.h"
 #include "decoder.h"
 #include "exr.h"
 #include "hdr.h"
 #include "imageio_loader.h"
 #include "io_shared.h"
+#include "ktx.h"
 #include "png_color.h"
 
 namespace envconv {
@@ -60,6 +62,9 @@ const std::vector<Format>& formats() {
       {"pgm", "pnm", {uint8}, {1}, "", "", false},
       {"pnm", "pnm", {uint8}, {1, 3}, "", "", false},
       {"pfm", "pfm", {float32}, {1, 3}, "", "", false},
+      {"dds", "dds", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
+      {"ktx2", "ktx2", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
+      {"ktx", "ktx", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
   };
   return *table;
 }
@@ -104,7 +109,13 @@ Result<PixelType> type_for(const std::string& path, const Format& format, const 
 }
 
 // The image library's text for a compression that the format has.
-Result<std::string> compression_for(const std::string& path, const Format& format, const std::string& asked) {
+Result<std::string> compression_for(const std::string& path, const Format& format, PixelType type,
+                                    const std::string& asked) {
+  if (is_texture_file(format.name)) {
+    const auto checked = parse_texture_compression(format.name, type, asked);
+    if (!checked) return on(path, checked.error());
+    return asked;
+  }
   if (std::string_view(format.name) == "openexr") {
     const auto checked = check_exr_compression(asked);
     if (!checked) return on(path, checked.error());
@@ -187,6 +198,8 @@ const SrgbEncoder& srgb_encoder(PixelType type) {
   return sixteen;
 }
 
+}  // namespace
+
 std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType type, Encoding encoding,
                                              WriteReport& report) {
   const Image& image = picture.image;
@@ -245,6 +258,8 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
   report.nonfinite += nonfinite;
   return elements;
 }
+
+namespace {
 
 // The image library's word for the curve, or "".  PNG's chunks are ours, and TIFF would need an Exif directory for it,
 // for which the library reads what it wrote, and not from a proxy: the file comes out broken and it says nothing.
@@ -332,6 +347,15 @@ Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& 
   return Ok{};
 }
 
+Result<Ok> write_texture(OutputFile& file, std::span<const std::vector<Picture>> levels, const Format& format,
+                         const WriteOptions& options, WriteReport& report) {
+  const std::string_view name = format.name;
+  ENVCONV_TRY(const TextureCompression compression, parse_texture_compression(name, report.type, options.compression));
+  if (name == "dds") return write_dds(file, levels, options, compression, report);
+  if (name == "ktx") return write_ktx1(file, levels, options, compression, report);
+  return write_ktx2(file, levels, options, compression, report);
+}
+
 // Portable float map: the image library reads it and does not write it.  Rows from the bottom, little-endian.
 void write_pfm(OutputFile& file, const Picture& picture, const WriteOptions& options, WriteReport& report) {
   static_assert(std::endian::native == std::endian::little);
@@ -351,6 +375,12 @@ void write_pfm(OutputFile& file, const Picture& picture, const WriteOptions& opt
 
 // --- reading back --------------------------------------------------------------------------------------------------
 
+float largest_of(PixelType type, int channel) {
+  if (type == PixelType::rgb9e5) return 65408;
+  if (type == PixelType::r11g11b10f) return channel == 2 ? 64512 : 65024;
+  return 65504;
+}
+
 // Pixels as written and as read again: within half a step of the type, or near on average when the codec is lossy.
 Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, Encoding encoding, bool rgbe,
                    bool lossy) {
@@ -358,8 +388,11 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
   if (a.width() != b.width() || a.height() != b.height())
     return Error{ErrorCode::output, "has another size when read back"};
   const int channels = a.channels(), alpha = written.channels.alpha;
-  const bool grey = rgbe && channels == 1;
-  if (b.channels() != (grey ? 3 : channels)) return Error{ErrorCode::output, "has other channels when read back"};
+  // Where grey became three channels: R, G, B and A have the places of Y and A.
+  const int more = b.channels() - channels;
+  if (more != 0 && !(more == 2 && channels <= 2)) {
+    return Error{ErrorCode::output, "has other channels when read back"};
+  }
   const float top = type == PixelType::uint8 ? 255.f : 65535.f;
   const auto coded = [encoding](float v) {
     const float clamped = std::clamp(v, 0.f, 1.f);
@@ -372,9 +405,9 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
       for (int c = 0; c < channels; ++c) peak = std::max(peak, std::abs(a.at(x, y)[c]));
       for (int c = 0; c < channels; ++c) {
         float v = a.at(x, y)[c];
-        const float w = b.at(x, y)[c];
+        const float w = b.at(x, y)[c > 0 ? c + more : 0];
         float error, allowed;
-        if (std::isnan(v)) v = is_integer(type) || type == PixelType::half || rgbe ? 0 : v;
+        if (std::isnan(v)) v = type == PixelType::float32 && !rgbe ? v : 0;
         if (rgbe) {
           v = std::clamp(v, 0.f, 0x1.fep126f);
           error = std::abs(v - w);
@@ -383,6 +416,12 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
           v = std::clamp(v, -65504.f, 65504.f);
           error = std::abs(v - w);
           allowed = std::abs(v) * 0x1.1p-11f + 0x1.1p-25f;
+        } else if (type == PixelType::r11g11b10f || type == PixelType::rgb9e5 || type == PixelType::bc6h) {
+          v = std::clamp(v, 0.f, largest_of(type, c));
+          error = std::abs(v - w);
+          allowed = type == PixelType::rgb9e5 ? std::min(peak, 65408.f) * 0x1.01p-9f + 0x1p-25f
+                    : c == 2                  ? v * 0x1.01p-6f + 0x1p-19f
+                                              : v * 0x1.01p-7f + 0x1p-20f;
         } else if (type == PixelType::float32) {
           error = (std::isnan(v) && std::isnan(w)) || v == w ? 0 : std::abs(v - w);
           allowed = 0;
@@ -414,22 +453,32 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
   return Ok{};
 }
 
-Result<Ok> verify(const OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
-                  const Format& format, PixelType type) {
+Result<Ok> verify_level(const OutputFile& file, int level, const std::vector<Picture>& pictures,
+                        const WriteOptions& options, const Format& format, PixelType type) {
   ReadOptions how;
   how.max_pixels = INT64_MAX / 1024;
   // It is our own; but what a disk made of it may upset a codec, and some print.
   how.trust_input = !needs_imageio(format.name);
   how.as_stored = options.encoding == Encoding::as_is;
   how.threads = options.threads;
+  how.level = level;
   auto read = read_file(file.temporary(), how);
   if (!read) return Error{ErrorCode::output, "cannot be read back: " + read.error().message};
   if (read->pictures.size() != pictures.size()) return Error{ErrorCode::output, "has other parts when read back"};
   const bool exr = std::string_view(format.name) == "openexr";
-  const bool lossy = exr ? exr_compression_is_lossy(options.compression, type) : format.lossy;
+  const bool lossy =
+      exr ? exr_compression_is_lossy(options.compression, type) : format.lossy || type == PixelType::bc6h;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     ENVCONV_CHECK(
         compare(pictures[i], read->pictures[i], type, options.encoding, std::string_view(format.name) == "hdr", lossy));
+  }
+  return Ok{};
+}
+
+Result<Ok> verify(const OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
+                  const Format& format, PixelType type) {
+  for (std::size_t level = 0; level < levels.size(); ++level) {
+    ENVCONV_CHECK(verify_level(file, static_cast<int>(level), levels[level], options, format, type));
   }
   return Ok{};
 }
@@ -453,9 +502,9 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     values += picture.image.value_count();
   }
   ENVCONV_TRY(const Format* format, format_of(path));
-  ENVCONV_TRY(const std::string compression, compression_for(path, *format, options.compression));
   WriteReport report;
   ENVCONV_TRY(report.type, type_for(path, *format, options));
+  ENVCONV_TRY(const std::string compression, compression_for(path, *format, report.type, options.compression));
   ENVCONV_TRY(OutputFile file, OutputFile::create(path));
   Result<Ok> done = Ok{};
   if (std::string_view(format->name) == "openexr") {
@@ -463,6 +512,8 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     done = write_exr(file, pictures, options, report);
   } else if (std::string_view(format->name) == "hdr") {
     done = write_hdr(file, pictures.front(), options, report);
+  } else if (is_texture_file(format->name)) {
+    done = write_texture(file, levels, *format, options, report);
   } else if (std::string_view(format->name) == "pfm") {
     write_pfm(file, pictures.front(), options, report);
   } else {
@@ -481,7 +532,7 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   }
   ENVCONV_CHECK(file.sync());
   if (options.verify) {
-    const auto verified = verify(file, pictures, options, *format, report.type);
+    const auto verified = verify(file, levels, options, *format, report.type);
     if (!verified) return on(path, verified.error());
   }
   if (options.before_commit) ENVCONV_CHECK(options.before_commit());
@@ -491,16 +542,23 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
 
 }  // namespace
 
+bool holds_faces(const std::string& path) { return is_texture_file(extension_of(path)); }
+
 Result<Ok> can_write(const std::string& path, const WriteOptions& options, int parts, int channels, int levels) {
   return guarded<Ok>(path, ErrorCode::unsupported, [&]() -> Result<Ok> {
     ENVCONV_TRY(const Format* format, format_of(path));
-    if (parts > 1 && std::string_view(format->name) != "openexr") {
-      return on(path, ErrorCode::unsupported, "only EXR holds several pictures in a file");
+    const bool texture = is_texture_file(format->name);
+    if (parts > 1 && !texture && std::string_view(format->name) != "openexr") {
+      return on(path, ErrorCode::unsupported, "only EXR, DDS, KTX and KTX2 hold several pictures in a file");
     }
-    if (levels > 1) return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels");
+    if (levels > 1 && !texture) return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels");
     ENVCONV_CHECK(check_channels(path, *format, channels));
-    ENVCONV_CHECK(type_for(path, *format, options));
-    ENVCONV_CHECK(compression_for(path, *format, options.compression));
+    ENVCONV_TRY(const PixelType type, type_for(path, *format, options));
+    if (texture) {
+      const auto checked = check_texture(format->name, type, options.cube, parts, channels);
+      if (!checked) return on(path, checked.error());
+    }
+    ENVCONV_CHECK(compression_for(path, *format, type, options.compression));
     return Ok{};
   });
 }

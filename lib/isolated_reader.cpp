@@ -210,7 +210,7 @@ bool unpack(Reader& r, FileSpec& spec) {
     const auto channels = r.number(1, kMaxChannels);
     for (std::int64_t c = 0; c < channels && r.good(); ++c) picture.channels.names.push_back(r.text(kText));
     picture.channels.alpha = static_cast<int>(r.number(-1, channels - 1));
-    picture.type = static_cast<PixelType>(r.number(0, 4));
+    picture.type = static_cast<PixelType>(r.number(0, static_cast<int>(PixelType::bc6h)));
     picture.element = static_cast<PixelType>(r.number(0, 4));
     spec.pictures.push_back(std::move(picture));
   }
@@ -409,6 +409,7 @@ struct Child {
     DecoderOptions options;
     options.max_pixels = request.number(0, INT64_MAX);
     options.threads = static_cast<int>(request.number(1, 1024));
+    options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
     const std::string hook = request.text(64);
     if (kind != Kind::request || !request.good() || fds.size() != 2) {
       for (const int fd : fds) ::close(fd);
@@ -506,6 +507,7 @@ class IsolatedDecoder final : public Decoder {
     request.text(format);
     request.number(options.max_pixels);
     request.number(options.threads);
+    request.number(options.level);
     const char* hook = std::getenv("ENVCONV_TEST_READER");  // tests make a child misbehave
     request.text(hook ? hook : "");
     Error error{ErrorCode::internal, "no process to decode it in"};

@@ -22,7 +22,7 @@ constexpr Packing packings[] = {
     {"vcross", "six faces unfolded, 3x4: as cross, with -Z at the bottom, upside down"},
     {"youtube", "six faces, 3x2: left front right, and turned on their sides down back up"},
     {"files", "each face in a file of its own"},
-    {"parts", "each face in a part of its own of one EXR file"},
+    {"parts", "each face in a part of its own of one EXR file, or a face or layer of one DDS, KTX or KTX2 file"},
 };
 
 // A place in an unfolded cube.  The picture in it is given by where it looks, so that one table serves every layout of
@@ -166,6 +166,20 @@ const Packing& default_packing(const Layout& layout) {
   const std::span<const int> rows = layout.info().rows;
   if (rows.size() <= 1) return *find_packing("row");
   return *find_packing(std::ranges::all_of(rows, [](int k) { return k == 1; }) ? "column" : "grid");
+}
+
+bool is_cube_map(const Layout& layout) {
+  if (!is_cube(layout)) return false;
+  // The cross shows the cube map's faces as they are stored.
+  for (int face = 0; face < layout.face_count(); ++face)
+    if (face_in_slot(layout, cross_slots[face]) != std::pair(face, 0)) return false;
+  return true;
+}
+
+bool faces_are_alike(const Layout& layout) {
+  const Face& first = layout.info().faces.front();
+  return std::ranges::all_of(
+      layout.info().faces, [&](const Face& face) { return face.aspect == first.aspect && face.scale == first.scale; });
 }
 
 bool packs(const Packing& packing, const Layout& layout) { return slots_of(packing).empty() || is_cube(layout); }

@@ -45,6 +45,11 @@ struct PackedShape {
 const Packing& default_packing(const Layout& layout);
 /// True when the packing can hold the layout: crosses and youtube are for the cube family's six square faces.
 bool packs(const Packing& packing, const Layout& layout);
+/// True when the layout's faces, in their order and as they are turned, are those of a cube map of OpenGL, Vulkan and
+/// Direct3D: of the cube family all but openexr-cube.
+bool is_cube_map(const Layout& layout);
+/// True when all faces have the same size, so that they can be layers of an array.
+bool faces_are_alike(const Layout& layout);
 /// The shape of a packed image whose face 0 is `height` texels high.  `files` and `parts` have no packed image: error.
 Result<PackedShape> packed_shape(const Layout& layout, const Packing& packing, int height);
 /// The height of face 0 for which the packed image is exactly `size`, if there is one.

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The inner loops of resampling, compiled per SIMD target and dispatched at run time.
+//
+// Reading goes in steps over batches of samples: face points to windows of taps (make_windows), windows to memory (the
+// caller's: an image, a strip, a block), weighted sums over the windows (sum_windows).
 #pragma once
 
 #include <cstddef>
@@ -9,34 +12,61 @@
 
 namespace envconv {
 
-/// Where a source's texels are, in tables by face that SIMD lanes can gather from.
-struct SourceView {
-  const float* texels = nullptr;  ///< RGBA
-  std::int64_t texel_count = 0;
-  float scale_u[64], bias_u[64], scale_v[64], bias_v[64];
-  std::int32_t first[64], pitch[64];
-};
 inline constexpr int most_faces = 64;
+inline constexpr int most_samples = 1104;  ///< of one batch
+inline constexpr int batch_room = most_samples + 16;
 
-/// Samples of one call: a row of texels, each sampled `per_texel` times; sample s belongs to texel s % texels.
-inline constexpr int row_texels = 64;
-inline constexpr int most_samples = 1024;  ///< texels x per_texel in one call at most
-
-/// Workspace of read_samples, and what it found out about the samples.
-struct ReadScratch {
-  alignas(64) std::int32_t offset[most_samples + 16];                   ///< texel index of the first tap
-  alignas(64) std::int32_t x[most_samples + 16], y[most_samples + 16];  ///< padded texel left of and above the sample
-  alignas(64) float fx[most_samples + 16], fy[most_samples + 16];       ///< fractions
-  alignas(64) float wx[(most_samples + 16) * 8], wy[(most_samples + 16) * 8];
+/// Affine maps by face from (u, v) to texels, in tables that SIMD lanes can gather from.
+struct FaceMaps {
+  float scale_u[most_faces], bias_u[most_faces], scale_v[most_faces], bias_v[most_faces];
 };
 
-/// accumulator[texel][16] += weight[s] * reconstruction at the sample (face, u, v)[s]; lanes of an accumulator are to
-/// be added up in fours (see reduce_accumulators).  Arrays have room for n rounded up to 16.  n = texels * per_texel.
-void read_samples(const SourceView& source, Kernel kernel, int n, int texels, const float* face, const float* u,
-                  const float* v, const float* weight, ReadScratch& scratch, float* accumulator);
+/// Where samples lie and what their taps weigh.  Arrays by sample.
+struct Windows {
+  alignas(64) std::int32_t x[batch_room], y[batch_room];  ///< texel of the tap that taps_before() counts up to
+  alignas(64) float fx[batch_room], fy[batch_room];       ///< from that texel: [0, 1), or [-1/2, 1/2] when taps are odd
+  /// Weights of taps 0 to 3 and 4 to 7; those of absent taps are 0.  The vertical ones carry the sample's weight.
+  alignas(64) float wx[2][batch_room * 4], wy[2][batch_room * 4];
+  /// The caller's: the first tap of each window, and floats from row to row.
+  const float* first[batch_room];
+  std::ptrdiff_t pitch[batch_room];
+};
 
-/// out[texel][4] = the accumulators' lanes summed in fours.
-void reduce_accumulators(int texels, const float* accumulator, float* out);
+/// A sample's bilinear place: the texel left of and above it, and fractions in [0, 1).
+struct Place {
+  int x, y;
+  float fx, fy;
+};
+inline Place place_of(const Windows& windows, int s) {
+  Place p{windows.x[s], windows.y[s], windows.fx[s], windows.fy[s]};
+  if (p.fx < 0) --p.x, p.fx += 1.0f;  // around the nearest texel, for an odd number of taps
+  if (p.fy < 0) --p.y, p.fy += 1.0f;
+  return p;
+}
+
+/// Samples (face, u, v)[n] to windows; weight: of each sample.  Arrays have room for n rounded up to 16.
+void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
+                  const float* weight, Windows& windows);
+
+/// sums[s % targets][16] += weighted sum over window s, or = where every sample has its own (targets >= n); lanes are
+/// to be added up by reduce_sums().  `channels` (3 or 4) floats a texel.  Loads reach up to 16 floats past a window's
+/// row.
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, int targets, float* sums);
+
+/// out[i][16] = sum over k < count of weight[k] * in[i * step + k][16], for i < n.
+void combine_samples(int n, int step, int count, const float* weight, const float* in, float* out);
+/// out[i][16] = sum over k < count of weight[k] * rows[k][i][16], for i < n.
+void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);
+
+/// out[i][4] = the sums' lanes added up by channel; the fourth of 3 channels is 0.
+void reduce_sums(int channels, int n, const float* sums, float* out);
+
+/// Rows of texels through the prefilter's recursion: 8 rows (in[k] of `width` texels) to out[k], of which only texels
+/// [skip, width - skip) are written, from out[k] on, and up to 4 floats more.  work: room for width * 32 floats.
+void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work);
+
+/// Columns likewise, in place: `rows` rows of n floats, `pitch` floats apart; n rounded up to 16 are touched.
+void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);

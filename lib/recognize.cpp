@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "assertion.h"
+#include "texture_file.h"
 
 namespace envconv {
 
@@ -357,6 +358,16 @@ std::vector<const Layout*> layouts_by_face_names(const std::vector<Picture>& pic
   return named;
 }
 
+// The layouts that pictures could be the faces of: by name, or the layers of an array by number and size.
+std::vector<const Layout*> possible_layouts(const PictureFile& file) {
+  std::vector<const Layout*> possible = layouts_by_face_names(file.pictures);
+  if (!possible.empty() || !is_texture_file(file.format)) return possible;
+  for (const Layout& layout : all_layouts())
+    if (layout.info().faces.size() == file.pictures.size() && wrong_face(layout, file.pictures).empty())
+      possible.push_back(&layout);
+  return possible;
+}
+
 Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
                                     Recognition r) {
   const std::vector<Picture>& pictures = file.pictures;
@@ -372,12 +383,23 @@ Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& h
     r.layout = recorded.layout;
     r.how = "from its metadata (envconv:layout)";
   } else {
-    const std::vector<const Layout*> named = layouts_by_face_names(pictures);
+    const std::vector<const Layout*> named = possible_layouts(file);
     std::vector<std::string> names;
     for (const Layout* layout : named) names.push_back(text(layout->name()));
     // The cube's face names are everybody's; of other families no member is the usual one.
     const Layout* cube = find_layout("cube");
-    if (named.size() == 1 || std::ranges::find(named, cube) != named.end()) {
+    if (is_texture_file(file.format) && pictures[0].name.empty()) {
+      if (named.size() > 1)
+        return Error{ErrorCode::input, holds + ", which could be any of " + joined(names) + " (say which with --from)"};
+      if (named.empty())
+        return Error{ErrorCode::input, holds + " of " + text(size_of(pictures[0])) +
+                                           ", which are the faces of no layout (envconv layouts lists all)"};
+      r.layout = named[0];
+      r.how = std::to_string(pictures.size()) + " layers can be nothing but " + names[0];
+    } else if (is_texture_file(file.format)) {
+      r.layout = cube;
+      r.how = "a cube map";
+    } else if (named.size() == 1 || std::ranges::find(named, cube) != named.end()) {
       r.layout = named.size() == 1 ? named[0] : cube;
       r.how = "from the names of its pictures (" + text(r.layout->info().faces[0].name) + " ...)";
     } else if (named.size() > 1) {
@@ -403,7 +425,7 @@ Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& h
   if (hints.packing)
     r.packing = hints.packing;
   else
-    r.packing = find_packing(file.format == "openexr" ? "parts" : "files");
+    r.packing = find_packing(file.format == "openexr" || is_texture_file(file.format) ? "parts" : "files");
   return r;
 }
 
@@ -427,7 +449,7 @@ std::vector<std::string> candidates(const PictureFile& file, const InputHints& h
   if (hints.layout || read_metadata(file.metadata, warnings).layout) return {};  // known, and does not fit
   if (file.pictures.size() == 1) return possible_fits(size_of(file.pictures[0]), told_packing(hints)).names;
   std::vector<std::string> names;
-  for (const Layout* layout : layouts_by_face_names(file.pictures)) names.push_back(text(layout->name()));
+  for (const Layout* layout : possible_layouts(file)) names.push_back(text(layout->name()));
   return names;
 }
 

@@ -31,10 +31,10 @@ struct Recognition {
   std::vector<std::string> warnings;
 };
 
-/// Order: what the user said, then metadata, then the container (the envmap attribute, part names), then the aspect
-/// ratio. Ambiguity is an error that lists the candidates.  What the user or envconv's metadata says and the size
-/// contradicts is an error too; an envmap attribute that the size contradicts is ignored with a warning.  Pictures
-/// without pixels (headers) will do; a cross is then presumed to be one.
+/// Order: what the user said, then metadata, then the container (the envmap attribute, part names, a cube map, the
+/// number of layers), then the aspect ratio.  Ambiguity is an error that lists the candidates.  What the user or
+/// envconv's metadata says and the size contradicts is an error too; an envmap attribute that the size contradicts is
+/// ignored with a warning.  Pictures without pixels (headers) will do; a cross is then presumed to be one.
 Result<Recognition> recognize(const PictureFile& file, const InputHints& hints);
 
 /// What a file that recognize() finds ambiguous could be: layouts, each with its packing in brackets where that is not

@@ -2,19 +2,26 @@
 // Tiles of the output, in parallel.  Each texel's footprint is sampled in the output's own (u, v): ku x kv points, each
 // located exactly in the source, so that curved footprints, poles and seams are no special case.
 //
-// The integral over a footprint is over solid angle: a sample's weight is its quadrature weight times the density
-// |dd/du x dd/dv| there, relative to the density at the texel's centre, to first order: 1 + g . offset.  The nodes lie
-// symmetrically, so these weights still add up to 1 and a constant stays constant.
-//
 // How many samples: the distance between them is at most Filter::spacing source texels, along each axis of the output
-// apart.  Where the source's texels are slivers (latlong at its poles) their short side counts as no less than a
-// quarter of the long one.
+// apart.  Where the source's texels are slivers (latlong at its poles) their short side counts as no less than
+// half of the long one.
+//
+// The integral over a footprint is over solid angle.  It is taken in one of two ways.
+// - Grid.  Samples lie in equal steps over the tile and two steps beyond it, and every texel takes its own and two of
+//   its neighbours' on each side, with the weights of grid_quadrature(): as many samples as without the neighbours, and
+//   a far better integral.  A sample counts by the density |dd/du x dd/dv| there; the sums of weights times density
+//   divide.  For Kernel::band_limited, where the density is smooth and no highlight is met.
+// - Texel.  Gauss-Legendre nodes in each texel, never a negative weight; a sample's weight is its quadrature weight
+//   times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
+//   symmetrically, so these weights still add up to 1.
+// Both leave a constant constant.
 //
 // Highlights take two passes.  In the first every output texel reports the share of solid angle by which it received
 // each highlight (integers, so that the order does not matter); the highlights are then scaled to conserve their energy
 // (Source::conserve_highlights), and the second pass adds them where they were met.
 #include "resample.h"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
@@ -27,6 +34,7 @@
 #include <memory>
 #include <mutex>
 #include <new>
+#include <optional>
 #include <span>
 #include <stdexcept>
 
@@ -35,14 +43,16 @@
 #include "read_kernels.h"
 #include "solid_angle.h"
 #include "source.h"
+#include "source_blocks.h"
 
 namespace envconv {
 namespace {
 
-constexpr int tile_rows = 32;
-constexpr int tallest_face = 1 << 24;  // more texels than any memory
-constexpr double sliver_limit = 4.0;   // longest side over shortest that the sampling follows
-constexpr int sliver_samples = 24;     // samples a side where highlights lie on slivers
+constexpr int largest_tile = 64, tile_rows = 64;            // of a tile
+constexpr int tallest_face = 1 << 24;                       // more texels than any memory
+constexpr double sliver_limit = 2.0;                        // longest side over shortest that the sampling follows
+constexpr std::size_t block_memory = std::size_t{8} << 20;  // bytes of prefiltered blocks that a thread keeps
+constexpr int sliver_samples = 24;                          // samples a side where highlights lie on slivers
 
 struct Tile {
   int face, x0, y0, width, height;
@@ -52,9 +62,10 @@ struct Tile {
 
 // Density relative to neighbours, and the number of samples, over one tile.
 struct TilePlan {
-  static constexpr int nodes_x = 5, nodes_y = 3;
+  static constexpr int nodes_x = 5, nodes_y = 5;
   double density[nodes_y][nodes_x];
   int ku = 1, kv = 1;
+  bool smooth = false;  // the density varies little enough to be sampled on a grid
 };
 
 class Resampler {
@@ -78,7 +89,7 @@ class Resampler {
     return true;
   }
 
-  Result<EnvImage> run() {
+  Result<EnvImage> run(EnvImage recycled) {
     EnvImage out;
     out.layout = options_.layout;
     out.placement = options_.placement;
@@ -90,7 +101,13 @@ class Resampler {
     }
     for (int f = 0; f < options_.layout->face_count(); ++f) {
       const Size size = face_size(*options_.layout, f, options_.height);
-      out.faces.emplace_back(size.width, size.height, source_.channels.count());
+      const auto i = static_cast<std::size_t>(f);
+      if (i < recycled.faces.size() && recycled.faces[i].width() == size.width &&
+          recycled.faces[i].height() == size.height && recycled.faces[i].channels() == source_.channels.count()) {
+        out.faces.push_back(std::move(recycled.faces[i]));
+      } else {
+        out.faces.emplace_back(size.width, size.height, source_.channels.count());
+      }
     }
     make_tiles(out);
     const int groups = (source_.channels.count() + 3) / 4;
@@ -101,7 +118,7 @@ class Resampler {
       run_group(source, out, 4 * g);
     }
     if (stopped_) return Error{ErrorCode::output, "stopped"};
-    if (filter_.kernel != Kernel::nearest || filter_.spacing > 0) keep_mean(out);  // "nearest" means the texel as it is
+    if (filter_.limited) keep_mean(out);
     return out;
   }
 
@@ -119,7 +136,7 @@ class Resampler {
       const double missing = before.value[c] - after.value[c];
       if (!(after.magnitude[c] > 0) || !(std::abs(missing) <= most * after.magnitude[c])) continue;
       share[c] = static_cast<float>(missing / after.magnitude[c]);
-      any = any || std::abs(share[c]) > 1e-7f;
+      any = any || std::abs(share[c]) > 1e-6f;
     }
     if (!any) return;
     for (Image& face : out.faces)
@@ -130,12 +147,21 @@ class Resampler {
       });
   }
 
+  // Tiles hold about as many samples each, so that what they need of the source stays in a core's cache and the number
+  // of samples follows the place.
   void make_tiles(const EnvImage& out) {
+    double ratio = 1;  // source texels a side of an output texel, where both layouts' faces are centred
+    if (filter_.spacing > 0)
+      ratio = std::sqrt(static_cast<double>(source_.texel_count()) / static_cast<double>(out.texel_count())) /
+              filter_.spacing;
+    const int by_ratio = ratio <= 2.5 ? largest_tile : ratio <= 5 ? 32 : 16;
+    // A sixteenth of a face at most, over which the density is nearly a plane between the plan's nodes.
+    tile_side_ = std::clamp(out.faces.front().height() / 16, 8, by_ratio);
     for (int f = 0; f < out.layout->face_count(); ++f) {
       const Image& face = out.faces[static_cast<std::size_t>(f)];
-      for (int y = 0; y < face.height(); y += tile_rows)
-        for (int x = 0; x < face.width(); x += row_texels)
-          tiles_.push_back({f, x, y, std::min(row_texels, face.width() - x), std::min(tile_rows, face.height() - y)});
+      for (int y = 0; y < face.height(); y += tile_side_)
+        for (int x = 0; x < face.width(); x += tile_side_)
+          tiles_.push_back({f, x, y, std::min(tile_side_, face.width() - x), std::min(tile_side_, face.height() - y)});
     }
   }
 
@@ -152,25 +178,31 @@ class Resampler {
       const Image& face = out.faces[static_cast<std::size_t>(at.face)];
       const double x = texel_from_u(at.u, face.width(), out.placement);
       const double y = texel_from_u(at.v, face.height(), out.placement);
-      const int across = (face.width() + row_texels - 1) / row_texels;
+      const int across = (face.width() + tile_side_ - 1) / tile_side_;
       for (const double dx : {-1.5, 1.5})
         for (const double dy : {-1.5, 1.5}) {
           const int i = std::clamp(static_cast<int>(std::floor(x + dx + 0.5)), 0, face.width() - 1);
           const int j = std::clamp(static_cast<int>(std::floor(y + dy + 0.5)), 0, face.height() - 1);
           tiles_[first[static_cast<std::size_t>(at.face)] +
-                 static_cast<std::size_t>(j / tile_rows * across + i / row_texels)]
+                 static_cast<std::size_t>(j / tile_side_ * across + i / tile_side_)]
               .slivers = true;
         }
     }
   }
 
   void run_group(Source& source, EnvImage& out, int first_channel) {
-    const SourceView view = source.view();
     mark_slivers(source, out);
+    // Enough blocks for a row of tiles that crosses every block of a face's row, as at a pole.
+    std::size_t most_blocks = 0;
+    for (const SourceFace& face : source.faces())
+      most_blocks = std::max(most_blocks, static_cast<std::size_t>(face.size.width / 96));
+    most_blocks = std::clamp<std::size_t>(most_blocks, 8, block_memory / SourceBlocks::bytes(source.channels()));
+    tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces(
+        [&] { return std::make_unique<Workspace>(source, filter_.kernel, most_blocks); });
     std::atomic<std::size_t> done{0};
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
       if (stopped_) return;
-      first_pass(source, view, tiles_[i], out, first_channel);
+      first_pass(source, *workspaces.local(), tiles_[i], out, first_channel);
       if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
                                                                     static_cast<double>(tiles_.size())))
         stopped_ = true;
@@ -178,7 +210,7 @@ class Resampler {
     if (!source.highlights().any() || stopped_) return;
     const std::vector<StrandedEnergy> stranded = source.conserve_highlights();
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
-      if (tiles_[i].highlights) second_pass(source, view, tiles_[i], out, first_channel);
+      if (tiles_[i].highlights) second_pass(source, *workspaces.local(), tiles_[i], out, first_channel);
     });
     for (const StrandedEnergy& e : stranded) deposit(e, out, first_channel);
   }
@@ -221,7 +253,7 @@ class Resampler {
         const DirectionJet jet = out.layout->direction_jet(tile.face, u, v);
         const double density = length(cross(jet.du, jet.dv));
         plan.density[j][i] = out.layout->info().equal_area ? 1.0 : std::isfinite(density) ? density : 0.0;
-        if (i % 2 || (j % 2 && i != 2)) continue;
+        if (i % 2 || j % 2) continue;
         // Sides of the texel in source texels.
         const Vec3 tu = source_from_out_ * (eu * jet.du), tv = source_from_out_ * (ev * jet.dv);
         const Vec3 d = source_from_out_ * jet.d;
@@ -245,6 +277,10 @@ class Resampler {
         if (std::isfinite(nu)) need_u = std::max(need_u, nu);
         if (std::isfinite(nv)) need_v = std::max(need_v, nv);
       }
+    double least = plan.density[0][0], most = least;
+    for (const auto& row : plan.density)
+      for (const double density : row) least = std::min(least, density), most = std::max(most, density);
+    plan.smooth = out.layout->info().domain != Domain::disc && least > 0.2 * most;
     if (options_.samples > 0) {
       plan.ku = plan.kv = options_.samples;
     } else {
@@ -260,20 +296,131 @@ class Resampler {
     return plan;
   }
 
+  // What a thread needs for its tiles.
   struct Workspace {
-    ReadScratch scratch;
-    alignas(64) float u[most_samples + 16], v[most_samples + 16], x[most_samples + 16], y[most_samples + 16],
-        z[most_samples + 16], face[most_samples + 16], su[most_samples + 16], sv[most_samples + 16],
-        weight[most_samples + 16];
-    alignas(64) float accumulator[row_texels * 16];
-    float total[row_texels];
-    float row[row_texels * 4];
+    Workspace(const Source& source, Kernel kernel, std::size_t most_blocks) {
+      if (kernel == Kernel::band_limited) blocks.emplace(source, most_blocks);
+    }
+    std::optional<SourceBlocks> blocks;
+    Windows windows;
+    alignas(64) float u[batch_room], v[batch_room], x[batch_room], y[batch_room], z[batch_room], face[batch_room],
+        su[batch_room], sv[batch_room], weight[batch_room];
+    alignas(64) float sums[largest_tile * 16];
+    float total[largest_tile];
+    float row[largest_tile * 4];
+    // Of the grid: a row of samples, and the last rows combined along u.
+    alignas(64) float samples[most_samples * 16];
+    static constexpr int most_rows = most_grid_steps + 2 * GridQuadrature::halo;
+    alignas(64) float combined[most_rows][largest_tile * 16];
+    float combined_density[most_rows][largest_tile];
   };
 
-  static Workspace& workspace() {
-    thread_local std::unique_ptr<Workspace> w;
-    if (!w) w = std::make_unique<Workspace>();
-    return *w;
+  // The samples' directions to windows that point at texels.
+  void find_windows(const Source& source, Workspace& w, int count) const {
+    const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+    rotate_directions(matrix_, padded, w.x, w.y, w.z);
+    source.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
+    make_windows(source.maps(), filter_.kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
+  }
+
+  void point(const Source& source, Workspace& w, int count) const {
+    if (w.blocks)
+      w.blocks->point(count, w.face, w.windows);
+    else
+      source.point(filter_.kernel, count, w.face, w.windows);
+  }
+
+  // Density relative to neighbours at n equal steps along a row of the tile: bilinear between the plan's nodes, and on
+  // beyond them.  x and y in texels from the tile's corner.
+  static void densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
+                        float* __restrict out) {
+    const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
+    const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
+    const int row = std::clamp(static_cast<int>(y / high), 0, TilePlan::nodes_y - 2);
+    const double t = y / high - row;
+    for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
+      const double left = plan.density[row][cell] + t * (plan.density[row + 1][cell] - plan.density[row][cell]);
+      const double right =
+          plan.density[row][cell + 1] + t * (plan.density[row + 1][cell + 1] - plan.density[row][cell + 1]);
+      const int end = cell + 2 == TilePlan::nodes_x
+                          ? n
+                          : std::clamp(static_cast<int>(std::ceil(((cell + 1) * wide - x) / step)), i, n);
+      const float scale = static_cast<float>((right - left) / wide * step);
+      const float first = static_cast<float>(left + (right - left) / wide * (x - cell * wide));
+      for (; i < end; ++i) out[i] = first + scale * static_cast<float>(i);
+    }
+  }
+
+  // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when a highlight is met: those
+  // are received with positive weights only.
+  bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, EnvImage& out,
+                 int first_channel) {
+    Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const GridQuadrature &qu = grid(plan.ku), &qv = grid(plan.kv);
+    constexpr int halo = GridQuadrature::halo;
+    const Highlights& highlights = source.highlights();
+    const bool even = out.layout->info().equal_area;
+    const int nu = tile.width * plan.ku + 2 * halo, nv = tile.height * plan.kv + 2 * halo;
+    const int ring = plan.kv + 2 * halo;
+    const double step_u = 1.0 / plan.ku, first_u = (0.5 - halo) * step_u;
+    const std::size_t padded = (static_cast<std::size_t>(nu) + 15) / 16 * 16;
+    const double u = u_from_texel(tile.x0 - 0.5 + first_u, face.width(), out.placement);
+    const double du = texel_extent(face.width(), out.placement) * step_u;
+    for (int i = 0; i < nu; ++i) w.u[i] = static_cast<float>(u + i * du);
+    std::fill(w.u + nu, w.u + padded, w.u[0]);
+    std::fill_n(w.weight, padded, 1.0f);
+    for (int row = 0; row < nv; ++row) {
+      const double y = (row - halo + 0.5) / plan.kv;
+      const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out.placement));
+      std::fill_n(w.v, padded, v);
+      if (!even) densities(plan, tile, first_u, step_u, y, nu, w.weight);
+      out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+      find_windows(source, w, nu);
+      if (highlights.any()) {
+        for (int s = 0; s < nu; ++s) {
+          const Place p = place_of(w.windows, s);
+          if (highlights.reach(source.faces()[static_cast<std::size_t>(w.face[s])], p.x, p.y)) return false;
+        }
+      }
+      point(source, w, nu);
+      sum_windows(filter_.kernel, source.channels(), nu, w.windows, nu, w.samples);
+      float* combined = w.combined[row % ring];
+      combine_samples(tile.width, plan.ku, plan.ku + 2 * halo, qu.weight.data(), w.samples, combined);
+      float* density = w.combined_density[row % ring];
+      std::fill_n(density, tile.width, 0.0f);
+      for (int k = 0; k < plan.ku + 2 * halo; ++k) {
+        const float weight = qu.weight[static_cast<std::size_t>(k)];
+        const float* from = w.weight + k;
+        for (int i = 0; i < tile.width; ++i) density[i] += weight * from[i * plan.ku];
+      }
+      const int top = row + 1 - ring;  // first of the rows that a texel takes
+      if (top < 0 || top % plan.kv) continue;
+      const float* rows[Workspace::most_rows];
+      std::fill_n(w.total, tile.width, 0.0f);
+      for (int k = 0; k < ring; ++k) {
+        const int at = (top + k) % ring;
+        rows[k] = w.combined[at];
+        const float weight = qv.weight[static_cast<std::size_t>(k)];
+        for (int i = 0; i < tile.width; ++i) w.total[i] += weight * w.combined_density[at][i];
+      }
+      combine_rows(tile.width, ring, qv.weight.data(), rows, w.sums);
+      reduce_sums(source.channels(), tile.width, w.sums, w.row);
+      store_row(source, w, tile, top / plan.kv, face, first_channel);
+    }
+    return true;
+  }
+
+  // w.row over w.total to row j of the tile.
+  void store_row(const Source& source, Workspace& w, const Tile& tile, int j, Image& face, int first_channel) const {
+    const int stored = source_.channels.count(), channels = std::min(4, stored - first_channel);
+    float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
+    for (int i = 0; i < tile.width; ++i, to += stored)
+      for (int c = 0; c < channels; ++c) {
+        float value = w.row[4 * i + c] / w.total[i];
+        // A limited filter does not go below black where the source never does.
+        if (filter_.limited) value = std::max(value, std::min(source.lowest()[c], 0.0f));
+        to[c] = value;
+      }
   }
 
   // Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
@@ -283,10 +430,10 @@ class Resampler {
                   const Quadrature& qv, const EnvImage& out, int j, Workspace& w, const Visit& visit) const {
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const int n = tile.width;
-    alignas(64) float gx[row_texels], gy[row_texels];  // relative change of the density per texel
+    alignas(64) float gx[largest_tile], gy[largest_tile];  // relative change of the density per texel
     density_slopes(plan, tile, j, gx, gy);
     const bool disc = out.layout->info().domain == Domain::disc;
-    bool outside[row_texels];
+    bool outside[largest_tile];
     for (int i = 0; i < n; ++i) {
       outside[i] = false;
       w.total[i] = 1.0f;
@@ -352,8 +499,7 @@ class Resampler {
         const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
         ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
         out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-        rotate_directions(matrix_, padded, w.x, w.y, w.z);
-        source.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
+        find_windows(source, w, count);
         visit(count);
       }
     }
@@ -399,23 +545,37 @@ class Resampler {
     return *q;
   }
 
-  void first_pass(Source& source, const SourceView& view, Tile& tile, EnvImage& out, int first_channel) {
-    Workspace& w = workspace();
+  const GridQuadrature& grid(int steps) {
+    const std::lock_guard lock(quadratures_mutex_);
+    auto& q = grids_[steps];
+    if (!q) q = std::make_unique<GridQuadrature>(grid_quadrature(steps));
+    return *q;
+  }
+
+  void first_pass(Source& source, Workspace& w, Tile& tile, EnvImage& out, int first_channel) {
     const TilePlan tile_plan = plan(source, tile, out);
+    if (w.blocks) w.blocks->next_tile();
+    const bool on_grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers &&
+                         std::max(tile_plan.ku, tile_plan.kv) <= most_grid_steps;
+    if (on_grid && grid_pass(source, w, tile, tile_plan, out, first_channel)) return;
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-    const int channels = std::min(4, source_.channels.count() - first_channel);
     Highlights& highlights = source.highlights();
     std::vector<double> omega;  // of the tile's texels, once a highlight is met
     for (int j = 0; j < tile.height; ++j) {
-      std::fill_n(w.accumulator, 16 * tile.width, 0.0f);
+      // A texel on a singular point may take millions of samples: batches are added up in double.
+      double sum[largest_tile][4] = {};
       sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
-        read_samples(view, filter_.kernel, count, tile.width, w.face, w.su, w.sv, w.weight, w.scratch, w.accumulator);
+        point(source, w, count);
+        std::fill_n(w.sums, 16 * tile.width, 0.0f);
+        sum_windows(filter_.kernel, source.channels(), count, w.windows, tile.width, w.sums);
+        reduce_sums(source.channels(), tile.width, w.sums, w.row);
+        for (int i = 0; i < 4 * tile.width; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
         if (!highlights.any()) return;
         for (int s = 0; s < count; ++s) {
           const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
-          const int x = w.scratch.x[s], y = w.scratch.y[s];
-          if (!highlights.reach(f, x, y)) continue;
+          const Place p = place_of(w.windows, s);
+          if (!highlights.reach(f, p.x, p.y)) continue;
           tile.highlights = true;
           if (omega.empty()) {
             omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
@@ -426,7 +586,7 @@ class Resampler {
           const double share = omega[static_cast<std::size_t>(j * tile.width + i)] *
                                static_cast<double>(w.weight[s] / w.total[i]) / Highlights::received_unit;
           ENVCONV_ASSERT(share >= 0);
-          for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
+          for_each_highlight_tap(highlights, f, p.x, p.y, p.fx, p.fy,
                                  [&](Highlights::Block& block, int texel, float weight) {
                                    const float* e = block.excess[texel];
                                    if (e[0] == 0 && e[1] == 0 && e[2] == 0) return;
@@ -436,41 +596,30 @@ class Resampler {
                                  });
         }
       });
-      reduce_accumulators(tile.width, w.accumulator, w.row);
-      float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
-      for (int i = 0; i < tile.width; ++i, to += source_.channels.count())
-        for (int c = 0; c < channels; ++c) {
-          float value = w.row[4 * i + c] / w.total[i];
-          // A limited filter does not go below black where the source never does.
-          if (filter_.limited) value = std::max(value, std::min(source.lowest()[c], 0.0f));
-          to[c] = value;
-        }
+      for (int i = 0; i < 4 * tile.width; ++i) w.row[i] = static_cast<float>(sum[i / 4][i % 4]);
+      store_row(source, w, tile, j, face, first_channel);
     }
   }
 
-  void second_pass(Source& source, const SourceView& view, const Tile& tile, EnvImage& out, int first_channel) {
-    Workspace& w = workspace();
+  void second_pass(Source& source, Workspace& w, const Tile& tile, EnvImage& out, int first_channel) {
     const TilePlan tile_plan = plan(source, tile, out);
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const int channels = std::min(4, source_.channels.count() - first_channel);
     Highlights& highlights = source.highlights();
     for (int j = 0; j < tile.height; ++j) {
-      double sum[row_texels][4] = {};
+      double sum[largest_tile][4] = {};
       sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
-        // For the places only; what is read is not used.
-        read_samples(view, Kernel::bilinear, count, tile.width, w.face, w.su, w.sv, w.weight, w.scratch, w.accumulator);
         for (int s = 0; s < count; ++s) {
           const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
-          const int x = w.scratch.x[s], y = w.scratch.y[s];
-          if (!highlights.reach(f, x, y)) continue;
+          const Place p = place_of(w.windows, s);
+          if (!highlights.reach(f, p.x, p.y)) continue;
           double* to = sum[s % tile.width];
-          for_each_highlight_tap(highlights, f, x, y, w.scratch.fx[s], w.scratch.fy[s],
-                                 [&](const Highlights::Block& block, int texel, float weight) {
-                                   for (int c = 0; c < 4; ++c)
-                                     to[c] += static_cast<double>(w.weight[s] * weight) *
-                                              static_cast<double>(block.excess[texel][c]);
-                                 });
+          for_each_highlight_tap(
+              highlights, f, p.x, p.y, p.fx, p.fy, [&](const Highlights::Block& block, int texel, float weight) {
+                for (int c = 0; c < 4; ++c)
+                  to[c] += static_cast<double>(w.weight[s] * weight) * static_cast<double>(block.excess[texel][c]);
+              });
         }
       });
       float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
@@ -485,7 +634,9 @@ class Resampler {
   Mat3 source_from_out_;
   float matrix_[9];
   std::vector<Tile> tiles_;
+  int tile_side_ = largest_tile;
   std::map<int, std::unique_ptr<Quadrature>> quadratures_;
+  std::map<int, std::unique_ptr<GridQuadrature>> grids_;
   std::mutex quadratures_mutex_;
   std::atomic<bool> stopped_{false};
   double share_done_ = 0, share_step_ = 1;
@@ -493,7 +644,7 @@ class Resampler {
 
 }  // namespace
 
-Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options) {
+Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled) {
   if (!source.layout || static_cast<int>(source.faces.size()) != source.layout->face_count() ||
       source.channels.count() == 0)
     return Error{ErrorCode::unsupported, "the source has no pixels"};
@@ -505,7 +656,7 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
     // More than there are cores gain nothing, and make TBB print.
     const int cores = tbb::info::default_concurrency();
     tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, cores) : cores);
-    return arena.execute([&] { return resampler.run(); });
+    return arena.execute([&] { return resampler.run(std::move(recycled)); });
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to resample (about " +
                                        std::to_string(resample_bytes(source, options) >> 20) + " MiB are needed)"};
@@ -519,14 +670,20 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
   if (Resampler(source, options, filter).is_copy()) return out;
-  const int aprons = 2 * apron_width(filter.kernel);
-  std::size_t padded = 0;
-  for (const Image& face : source.faces)
-    padded += static_cast<std::size_t>(face.width() + aprons) * static_cast<std::size_t>(face.height() + aprons) * 4 *
-              sizeof(float);
-  // Highlights, texels adopted across seams, and what each thread works with.
-  const std::size_t rest = filter.limited ? padded / 8 : 0;
-  return out + padded + rest + std::min(std::size_t{16} << 20, padded / 8);
+  // Strips around the faces, and a copy where pixels cannot be read in place.
+  const int apron = apron_width(filter.kernel) + 8;
+  const bool in_place =
+      (source.channels.count() == 3 || source.channels.count() == 4) && source.layout->info().domain == Domain::square;
+  std::size_t strips = 0, copy = 0;
+  for (const Image& face : source.faces) {
+    strips += static_cast<std::size_t>(face.width() + face.height()) * 4 * static_cast<std::size_t>(apron);
+    copy += in_place ? 0 : face.pixel_count();
+  }
+  const std::size_t blocks = filter.kernel == Kernel::band_limited ? block_memory : 0;
+  const std::size_t threads = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
+  // Highlights, of which there may be many.
+  const std::size_t rest = filter.limited ? source.texel_count() : 0;
+  return out + (strips + copy) * 4 * sizeof(float) + rest + threads * blocks + (std::size_t{4} << 20);
 }
 
 }  // namespace envconv

@@ -27,8 +27,10 @@ struct ResampleOptions {
 
 /// The environment in another layout, size, placement, frame or rotation.
 /// Where nothing changes, the source's texels are copied bit for bit.  The result does not depend on the thread count.
+/// `recycled` is a result that is no longer needed: where its faces have the right size, their memory is used again,
+/// which the system then need not clear (a third of the time of a bilinear conversion).
 /// Errors: unsupported (an empty source), limit (memory), internal; stopping by progress gives ErrorCode::output.
-Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options);
+Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled = {});
 
 /// Bytes that resample() will hold besides its source, the result included.
 std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options);

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <new>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "quadrature.h"
 #include "read_kernels.h"
 #include "source.h"
+#include "source_blocks.h"
 
 namespace envconv {
 
@@ -17,8 +19,16 @@ struct Sampler::State {
   Filter filter;
   Mat3 source_from_world;
   int channels = 0;
-  std::vector<Source> groups;  // four channels each
-  std::vector<SourceView> views;
+  EnvImage pixels;  // that the groups read, unless they are in blocks
+  // Four channels each, which stay where they are: blocks point at their sources.
+  struct Group {
+    Group(const EnvImage& image, int first, const Filter& filter) : source(image, first, filter), blocks(source, 0) {
+      if (filter.kernel == Kernel::band_limited) blocks.make_all();
+    }
+    Source source;
+    SourceBlocks blocks;
+  };
+  std::vector<std::unique_ptr<Group>> groups;
   double thinnest = 0;  // shortest side of the source's texels at its faces' centres, in radians
 };
 
@@ -37,8 +47,14 @@ Result<Sampler> Sampler::make(const EnvImage& source, const Filter& filter) {
     state->filter = filter;
     state->source_from_world = layout_from_world(source);
     state->channels = source.channels.count();
-    for (int first = 0; first < state->channels; first += 4) state->groups.emplace_back(source, first, filter);
-    for (const Source& group : state->groups) state->views.push_back(group.view());
+    EnvImage& pixels = state->pixels;
+    pixels.layout = source.layout;
+    pixels.placement = source.placement;
+    pixels.channels = source.channels;
+    for (const Image& face : source.faces) pixels.faces.push_back(face.clone());
+    for (int first = 0; first < state->channels; first += 4)
+      state->groups.push_back(std::make_unique<State::Group>(pixels, first, filter));
+    if (filter.kernel == Kernel::band_limited) pixels.faces.clear();
     state->thinnest = 1e30;
     for (int f = 0; f < source.layout->face_count(); ++f) {
       const Image& face = source.faces[static_cast<std::size_t>(f)];
@@ -63,23 +79,29 @@ void Sampler::radiance(Vec3 d, Vec3 du, Vec3 dv, float* out) const {
   };
   const Quadrature qu = quadrature(state.filter, samples(du)), qv = quadrature(state.filter, samples(dv));
   std::vector<double> sum(static_cast<std::size_t>(state.channels), 0.0);
-  static thread_local ReadScratch scratch;
+  static thread_local Windows windows;
   for (int j = 0; j < qv.count(); ++j)
     for (int i = 0; i < qu.count(); ++i) {
       const double weight = qu.weight[static_cast<std::size_t>(i)] * qv.weight[static_cast<std::size_t>(j)];
       const Vec3 e = state.source_from_world *
                      (d + qu.offset[static_cast<std::size_t>(i)] * du + qv.offset[static_cast<std::size_t>(j)] * dv);
       for (std::size_t g = 0; g < state.groups.size(); ++g) {
-        const Source& source = state.groups[g];
+        const Source& source = state.groups[g]->source;
         const Location at = source.layout().locate(e);
         float face[16], u[16], v[16], w[16] = {1};
         std::fill_n(face, 16, static_cast<float>(at.face));
         std::fill_n(u, 16, static_cast<float>(at.u));
         std::fill_n(v, 16, static_cast<float>(at.v));
-        float accumulator[16] = {}, value[4];
-        read_samples(state.views[g], state.filter.kernel, 1, 1, face, u, v, w, scratch, accumulator);
-        reduce_accumulators(1, accumulator, value);
-        source.add_highlights(at.face, scratch.x[0], scratch.y[0], scratch.fx[0], scratch.fy[0], value);
+        float sums[16] = {}, value[4];
+        make_windows(source.maps(), state.filter.kernel, 1, face, u, v, w, windows);
+        if (state.filter.kernel == Kernel::band_limited)
+          std::as_const(state.groups[g]->blocks).point(1, face, windows);
+        else
+          source.point(state.filter.kernel, 1, face, windows);
+        sum_windows(state.filter.kernel, source.channels(), 1, windows, 1, sums);
+        reduce_sums(source.channels(), 1, sums, value);
+        const Place place = place_of(windows, 0);
+        source.add_highlights(at.face, place.x, place.y, place.fx, place.fy, value);
         for (std::size_t c = 0; c < 4 && 4 * g + c < sum.size(); ++c)
           sum[4 * g + c] += weight * static_cast<double>(value[c]);
       }

@@ -202,19 +202,44 @@ void texel_solid_angles(const Layout& layout, int face, Size size, Placement pla
 namespace {
 
 // s[c] += w v, s[channels + c] += w |v|, s[2 channels] += w, over a row of texels.
-template <std::size_t channels>
+//
+// In floats over short runs, whose sums go on in double: three channels do not fit vectors, but runs of them do when
+// weights are repeated by channel.
+template <int channels>
 void add_row_of(const float* p, const double* w, int n, double* s) {
-  double sum[2 * channels + 1] = {};
-  for (int x = 0; x < n; ++x, p += channels) {
-    // A texel that owns nothing may hold anything, NaN included.
-    if (w[x] == 0) continue;
-    for (std::size_t c = 0; c < channels; ++c) {
-      sum[c] += w[x] * static_cast<double>(p[c]);
-      sum[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
+  constexpr int run = 16, values = run * channels;
+  int x = 0;
+  for (; x + run <= n; x += run, p += values) {
+    float weight[values], sum[values], magnitude[values];
+    double total = 0, least = 1;
+    for (int i = 0; i < run; ++i) {
+      for (int c = 0; c < channels; ++c) weight[i * channels + c] = static_cast<float>(w[x + i]);
+      total += w[x + i];
+      least = std::min(least, w[x + i]);
     }
-    sum[2 * channels] += w[x];
+    if (least == 0) {
+      // A texel that owns nothing may hold anything, NaN included.
+      for (int i = 0; i < values; ++i) sum[i] = weight[i] == 0 ? 0 : weight[i] * p[i];
+    } else {
+      for (int i = 0; i < values; ++i) sum[i] = weight[i] * p[i];
+    }
+    for (int i = 0; i < values; ++i) magnitude[i] = std::abs(sum[i]);
+    for (int c = 0; c < channels; ++c) {
+      double a = 0, b = 0;
+      for (int i = c; i < values; i += channels)
+        a += static_cast<double>(sum[i]), b += static_cast<double>(magnitude[i]);
+      s[c] += a, s[channels + c] += b;
+    }
+    s[2 * channels] += total;
   }
-  for (std::size_t k = 0; k < 2 * channels + 1; ++k) s[k] += sum[k];
+  for (; x < n; ++x, p += channels) {
+    if (w[x] == 0) continue;
+    for (int c = 0; c < channels; ++c) {
+      s[c] += w[x] * static_cast<double>(p[c]);
+      s[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
+    }
+    s[2 * channels] += w[x];
+  }
 }
 
 void add_row(const float* p, const double* w, int n, std::size_t channels, double* s) {

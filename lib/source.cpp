@@ -11,15 +11,12 @@
 #include <limits>
 #include <stdexcept>
 
-#include "analyze.h"
 #include "assertion.h"
 #include "solid_angle.h"
+#include "source_blocks.h"
 
 namespace envconv {
 namespace {
-
-// 0.344^10 = 2e-5: how far a prefilter must run over true texels before its start is forgotten.
-constexpr int prefilter_margin = 10;
 
 // Pixel position whose fraction is a rounding error counts as the pixel itself.
 constexpr double on_texel = 1e-6;
@@ -63,98 +60,225 @@ struct AdoptTable {
 
 int apron_width(Kernel kernel) {
   const int reach = taps(kernel) / 2 + 1;
-  return kernel == Kernel::omoms ? prefilter_margin + reach : std::max(reach, 4);
+  return kernel == Kernel::band_limited ? SourceBlocks::margin + reach : std::max(reach, 4);
 }
 
 Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
     : layout_(image.layout), placement_(image.placement) {
   ENVCONV_ASSERT(image.faces.size() == layout_->info().faces.size() && first_channel < image.channels.count());
+  ENVCONV_ASSERT(faces_.size() <= most_faces);
   apron_ = apron_width(filter.kernel);
-  std::int64_t total = 0;
-  std::int32_t blocks = 0;
+  place_faces(image);
+  copy_pixels(image, first_channel);
+  if (filter.limited) {
+    split_highlights();
+    if (highlights_.any()) spread_highlights();
+  }
+  make_strips();
+  std::vector<Orphan> orphans;
+  find_orphans(orphans);
+  adopt(orphans);
+  if (highlights_.any()) copy_highlights(orphans);
+}
+
+void Source::place_faces(const EnvImage& image) {
+  std::int64_t blocks = 0;
   for (int f = 0; f < layout_->face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
     ENVCONV_ASSERT(!face.empty() && face.channels() == image.channels.count());
     SourceFace s;
     s.size = {face.width(), face.height()};
-    s.pitch = s.size.width + 2 * apron_;
+    s.columns = s.size.width + 2 * apron_;
     s.rows = s.size.height + 2 * apron_;
-    s.first = static_cast<std::int32_t>(total);
-    total += static_cast<std::int64_t>(s.pitch) * s.rows;
-    if (total > std::numeric_limits<std::int32_t>::max()) throw std::length_error("the source has too many texels");
     const auto affine = [&](int n, float& scale, float& bias) {
       bias = static_cast<float>(texel_from_u(0.0, n, placement_) + apron_);
       scale = static_cast<float>(texel_from_u(1.0, n, placement_) - texel_from_u(0.0, n, placement_));
     };
     affine(s.size.width, s.scale_u, s.bias_u);
     affine(s.size.height, s.scale_v, s.bias_v);
-    s.blocks = (s.pitch + Highlights::side - 1) / Highlights::side;
-    s.first_block = blocks;
-    blocks += s.blocks * ((s.rows + Highlights::side - 1) / Highlights::side);
+    s.blocks = (s.columns + Highlights::side - 1) / Highlights::side;
+    s.first_block = static_cast<std::int32_t>(blocks);
+    blocks += static_cast<std::int64_t>(s.blocks) * ((s.rows + Highlights::side - 1) / Highlights::side);
+    if (blocks > std::numeric_limits<std::int32_t>::max()) throw std::length_error("the source has too many texels");
+    const auto i = static_cast<std::size_t>(f);
+    maps_.scale_u[i] = s.scale_u, maps_.bias_u[i] = s.bias_u;
+    maps_.scale_v[i] = s.scale_v, maps_.bias_v[i] = s.bias_v;
     faces_.push_back(s);
   }
-  texels_ = Image(4, static_cast<int>(total), 1);  // one texel a "row": faces differ in width
-  copy_texels(image, first_channel);
   highlights_.index.assign(static_cast<std::size_t>(blocks), -1);
   highlights_.reachable.assign(static_cast<std::size_t>(blocks), 0);
-  if (filter.limited) {
-    split_highlights();
-    if (highlights_.any()) spread_highlights();
-  }
-  std::vector<Orphan> orphans;
-  find_orphans(orphans);
-  adopt(orphans);
-  if (highlights_.any()) copy_highlights(orphans);
-  if (filter.kernel == Kernel::omoms) prefilter();
 }
 
-SourceView Source::view() const {
-  SourceView view;
-  ENVCONV_ASSERT(faces_.size() <= most_faces);
-  view.texels = texels_.data();
-  view.texel_count = static_cast<std::int64_t>(texels_.pixel_count());
+// Three or four channels are read where they are, unless the layout has texels to be adopted inside its faces.
+void Source::copy_pixels(const EnvImage& image, int first_channel) {
+  const int stored = image.channels.count(), count = std::min(4, stored - first_channel);
+  channels_ = count == 3 ? 3 : 4;
+  const bool in_place = stored == channels_ && layout_->info().domain == Domain::square;
   for (std::size_t f = 0; f < faces_.size(); ++f) {
-    const SourceFace& s = faces_[f];
-    view.scale_u[f] = s.scale_u, view.bias_u[f] = s.bias_u;
-    view.scale_v[f] = s.scale_v, view.bias_v[f] = s.bias_v;
-    view.first[f] = s.first, view.pitch[f] = s.pitch;
-  }
-  return view;
-}
-
-void Source::copy_texels(const EnvImage& image, int first_channel) {
-  std::fill_n(lowest_, 4, std::numeric_limits<float>::max());
-  const int channels = image.channels.count();
-  const int count = std::min(4, channels - first_channel);
-  for (std::size_t f = 0; f < faces_.size(); ++f) {
-    const SourceFace& s = faces_[f];
+    SourceFace& s = faces_[f];
+    s.pitch = static_cast<std::ptrdiff_t>(s.size.width) * channels_;
     const Image& face = image.faces[f];
-    std::vector<std::array<float, 4>> low(static_cast<std::size_t>(s.size.height));
-    tbb::parallel_for(0, s.rows, [&](int y) {
-      float* to = texels_.data() + 4 * (static_cast<std::size_t>(s.first) +
-                                        static_cast<std::size_t>(y) * static_cast<std::size_t>(s.pitch));
-      if (y < apron_ || y >= apron_ + s.size.height) {
-        std::memset(to, 0, static_cast<std::size_t>(s.pitch) * 4 * sizeof(float));
-        return;
+    if (in_place) {
+      s.pixels = face.data();
+      continue;
+    }
+    Image copy(s.size.width, s.size.height, channels_);
+    tbb::parallel_for(0, s.size.height, [&](int y) {
+      const float* from = face.row(y) + first_channel;
+      float* to = copy.row(y);
+      for (int x = 0; x < s.size.width; ++x, from += stored, to += channels_) {
+        for (int c = 0; c < count; ++c) to[c] = from[c];
+        for (int c = count; c < channels_; ++c) to[c] = 0;
       }
-      std::memset(to, 0, static_cast<std::size_t>(apron_) * 4 * sizeof(float));
-      to += 4 * apron_;
-      const float* from = face.row(y - apron_) + first_channel;
-      std::array<float, 4> lowest;
-      lowest.fill(std::numeric_limits<float>::max());
-      for (int x = 0; x < s.size.width; ++x, from += channels, to += 4) {
-        for (int c = 0; c < count; ++c) {
-          to[c] = from[c];
-          lowest[static_cast<std::size_t>(c)] = std::min(lowest[static_cast<std::size_t>(c)], from[c]);
-        }
-        for (int c = count; c < 4; ++c) to[c] = 0;
-      }
-      std::memset(to, 0, static_cast<std::size_t>(apron_) * 4 * sizeof(float));
-      low[static_cast<std::size_t>(y - apron_)] = lowest;
     });
-    for (const auto& row : low)
-      for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], row[c]);
+    s.pixels = copy.data();
+    copies_.push_back(std::move(copy));
   }
+}
+
+// Lanes take channels in turn: four texels of three channels are twelve floats, three of four as well.
+Source::RowRange Source::range_of(const SourceFace& face, int row) const {
+  const float* from = face.pixels + row * face.pitch;
+  float low[12], high[12];
+  std::fill_n(low, 12, std::numeric_limits<float>::max());
+  std::fill_n(high, 12, std::numeric_limits<float>::lowest());
+  const std::ptrdiff_t n = face.pitch, whole = n / 12 * 12;
+  for (std::ptrdiff_t i = 0; i < whole; i += 12)
+    for (int l = 0; l < 12; ++l) {
+      low[l] = from[i + l] < low[l] ? from[i + l] : low[l];
+      high[l] = from[i + l] > high[l] ? from[i + l] : high[l];
+    }
+  for (std::ptrdiff_t i = whole; i < n; ++i) {
+    low[i - whole] = std::min(low[i - whole], from[i]);
+    high[i - whole] = std::max(high[i - whole], from[i]);
+  }
+  RowRange range;
+  range.low.fill(std::numeric_limits<float>::max());
+  range.brightest = 0;
+  for (int l = 0; l < 12; ++l) {
+    float& to = range.low[static_cast<std::size_t>(l % channels_)];
+    to = std::min(to, low[l]);
+    if (l % channels_ < 3) range.brightest = std::max({range.brightest, high[l], -low[l]});
+  }
+  return range;
+}
+
+// Above, below, left and right of the face, with some texels of it: a window that is not wholly in the face is wholly
+// in one of them.  A small face is one strip.
+void Source::make_strips() {
+  constexpr int inside = 8, small = 64;
+  static_assert(inside >= taps(Kernel::lanczos3) + 2);
+  strips_.resize(faces_.size());
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const SourceFace& s = faces_[f];
+    const auto add = [&](int x, int y, int width, int height) {
+      Strip strip{x, y, Image(width, height, channels_)};
+      strip.pixels.fill(0);
+      for (int j = std::max(y, apron_); j < std::min(y + height, apron_ + s.size.height); ++j) {
+        const int begin = std::max(x, apron_), end = std::min(x + width, apron_ + s.size.width);
+        if (begin < end) copy_row(static_cast<int>(f), begin, j, end - begin, strip.pixels.at(begin - x, j - y));
+      }
+      strips_[f].push_back(std::move(strip));
+    };
+    if (s.size.width < small || s.size.height < small) {
+      add(0, 0, s.columns, s.rows);
+      continue;
+    }
+    const int band = apron_ + inside;
+    add(0, 0, s.columns, band);
+    add(0, s.rows - band, s.columns, band);
+    add(0, 0, band, s.rows);
+    add(s.columns - band, 0, band, s.rows);
+  }
+}
+
+const Strip& Source::strip_at(int face, int x, int y) const {
+  const std::vector<Strip>& strips = strips_[static_cast<std::size_t>(face)];
+  for (const Strip& strip : strips)
+    if (strip.holds(x, y)) return strip;
+  ENVCONV_ASSERT(false);
+  return strips.front();
+}
+
+void Source::point(Kernel kernel, int n, const float* face, Windows& windows) const {
+  const int before = taps_before(kernel), after = taps(kernel) - 1 - before;
+  for (int i = 0; i < n; ++i) {
+    const int f = static_cast<int>(face[i]);
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    const int x = windows.x[i] - before, y = windows.y[i] - before;
+    const int last_x = windows.x[i] + after, last_y = windows.y[i] + after;
+    if (x >= apron_ && last_x < apron_ + s.size.width && y >= apron_ && last_y < apron_ + s.size.height) [[likely]] {
+      windows.first[i] = s.pixels + (y - apron_) * s.pitch + (x - apron_) * channels_;
+      windows.pitch[i] = s.pitch;
+      continue;
+    }
+    const Strip* strip = nullptr;
+    for (const Strip& candidate : strips_[static_cast<std::size_t>(f)])
+      if (candidate.holds(x, y) && candidate.holds(last_x, last_y)) strip = &candidate;
+    ENVCONV_ASSERT(strip);
+    windows.first[i] = strip->pixels.at(x - strip->x, y - strip->y);
+    windows.pitch[i] = static_cast<std::ptrdiff_t>(strip->pixels.width()) * channels_;
+  }
+}
+
+void Source::copy_row(int face, int x, int y, int count, float* out) const {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  const auto texels = [&](int n) { return static_cast<std::size_t>(n * channels_) * sizeof(float); };
+  int at = x;
+  const int end = x + count;
+  while (at < end) {
+    float* to = out + (at - x) * channels_;
+    if (in_face(s, at, y)) {
+      const int n = std::min(end, apron_ + s.size.width) - at;
+      std::memcpy(to, pixel(s, at, y), texels(n));
+      at += n;
+    } else {
+      const Strip& strip = strip_at(face, at, y);
+      const int stop =
+          at < apron_ && y >= apron_ && y < apron_ + s.size.height ? apron_ : strip.x + strip.pixels.width();
+      const int n = std::min(end, stop) - at;
+      std::memcpy(to, strip.pixels.at(at - strip.x, y - strip.y), texels(n));
+      at += n;
+    }
+  }
+  if (!highlights_.any() || y < apron_ || y >= apron_ + s.size.height) return;
+  constexpr int side = Highlights::side;
+  for (int block_x = x / side * side; block_x < end; block_x += side) {
+    const Highlights::Block* block = highlights_.block_at(s, block_x, y);
+    if (!block) continue;
+    for (int i = std::max(x, block_x); i < std::min(end, block_x + side); ++i) {
+      const int k = Highlights::place(i, y);
+      if (block->split[k]) std::copy_n(block->base[k], channels_, out + (i - x) * channels_);
+    }
+  }
+}
+
+Source::Texel Source::read(int face, int x, int y) const {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  Texel texel{};
+  if (!in_face(s, x, y)) {
+    const Strip& strip = strip_at(face, x, y);
+    std::copy_n(strip.pixels.at(x - strip.x, y - strip.y), channels_, texel.data());
+    return texel;
+  }
+  std::copy_n(pixel(s, x, y), channels_, texel.data());
+  if (highlights_.any()) {
+    const Highlights::Block* block = highlights_.block_at(s, x, y);
+    const int k = Highlights::place(x, y);
+    if (block && block->split[k]) std::copy_n(block->base[k], channels_, texel.data());
+  }
+  return texel;
+}
+
+// To the own copy when it is inside the face, and to every strip that holds it.
+void Source::write(const Orphan& orphan, const Texel& value) {
+  const auto f = static_cast<std::size_t>(orphan.face);
+  const SourceFace& s = faces_[f];
+  if (in_face(s, orphan.x, orphan.y))
+    std::copy_n(value.data(), channels_, copies_[f].at(orphan.x - apron_, orphan.y - apron_));
+  for (Strip& strip : strips_[f])
+    if (strip.holds(orphan.x, orphan.y))
+      std::copy_n(value.data(), channels_, strip.pixels.at(orphan.x - strip.x, orphan.y - strip.y));
 }
 
 void Source::find_orphans(std::vector<Orphan>& orphans) const {
@@ -165,7 +289,7 @@ void Source::find_orphans(std::vector<Orphan>& orphans) const {
     const bool whole = layout_->info().domain == Domain::square;
     tbb::parallel_for(0, s.rows, [&](int y) {
       const bool inside_row = y >= apron_ && y < apron_ + s.size.height;
-      for (int x = 0; x < s.pitch; ++x) {
+      for (int x = 0; x < s.columns; ++x) {
         if (inside_row && whole && x == apron_) x += s.size.width;  // all owned
         const double u = u_from_texel(x - apron_, s.size.width, placement_);
         const double v = u_from_texel(y - apron_, s.size.height, placement_);
@@ -182,45 +306,41 @@ void Source::find_orphans(std::vector<Orphan>& orphans) const {
   }
 }
 
-void Source::adopt(std::vector<Orphan>& orphans) {
+void Source::adopt(const std::vector<Orphan>& orphans) {
   static const AdoptTable table;
-  using Texel = std::array<float, 4>;
-  float* texels = texels_.data();
-  const auto texel = [&](int face, int x, int y) {
-    const SourceFace& s = faces_[static_cast<std::size_t>(face)];
-    ENVCONV_ASSERT(x >= 0 && x < s.pitch && y >= 0 && y < s.rows);
-    return texels + 4 * (static_cast<std::size_t>(s.first) +
-                         static_cast<std::size_t>(y) * static_cast<std::size_t>(s.pitch) + static_cast<std::size_t>(x));
-  };
   // Taps may fall on orphans themselves, near seams' ends: the first pass takes the nearest owned texel, the next ones
   // refine.  Each pass reads the one before only, so that the order (and the thread count) does not matter.
-  std::vector<bool> orphaned;
+  std::vector<std::vector<bool>> orphaned;  // by face, inside it
   if (layout_->info().domain != Domain::square) {
-    orphaned.resize(texels_.pixel_count());
+    for (const SourceFace& s : faces_)
+      orphaned.emplace_back(static_cast<std::size_t>(s.size.width) * static_cast<std::size_t>(s.size.height));
     for (const Orphan& o : orphans) {
       const SourceFace& s = faces_[static_cast<std::size_t>(o.face)];
-      orphaned[static_cast<std::size_t>(s.first) + static_cast<std::size_t>(o.y) * static_cast<std::size_t>(s.pitch) +
-               static_cast<std::size_t>(o.x)] = true;
+      if (in_face(s, o.x, o.y))
+        orphaned[static_cast<std::size_t>(o.face)]
+                [static_cast<std::size_t>(o.y - apron_) * static_cast<std::size_t>(s.size.width) +
+                 static_cast<std::size_t>(o.x - apron_)] = true;
     }
   }
-  const auto nearest_owned = [&](const Orphan& o) -> const float* {
+  const auto nearest_owned = [&](const Orphan& o) {
     const SourceFace& s = faces_[static_cast<std::size_t>(o.from_face)];
-    const float* best = nullptr;
+    int best_x = -1, best_y = -1;
     double best_distance = 1e30;
     const int cx = static_cast<int>(std::lround(o.from_x)), cy = static_cast<int>(std::lround(o.from_y));
-    for (int radius = 0; radius <= 3 && !best; ++radius)
+    for (int radius = 0; radius <= 3 && best_x < 0; ++radius)
       for (int y = cy - radius; y <= cy + radius; ++y)
         for (int x = cx - radius; x <= cx + radius; ++x) {
           const int xx = std::clamp(x, apron_, apron_ + s.size.width - 1),
                     yy = std::clamp(y, apron_, apron_ + s.size.height - 1);
           if (!orphaned.empty() &&
-              orphaned[static_cast<std::size_t>(s.first) +
-                       static_cast<std::size_t>(yy) * static_cast<std::size_t>(s.pitch) + static_cast<std::size_t>(xx)])
+              orphaned[static_cast<std::size_t>(o.from_face)]
+                      [static_cast<std::size_t>(yy - apron_) * static_cast<std::size_t>(s.size.width) +
+                       static_cast<std::size_t>(xx - apron_)])
             continue;
           const double distance = (xx - o.from_x) * (xx - o.from_x) + (yy - o.from_y) * (yy - o.from_y);
-          if (distance < best_distance) best_distance = distance, best = texel(o.from_face, xx, yy);
+          if (distance < best_distance) best_distance = distance, best_x = xx, best_y = yy;
         }
-    return best;
+    return best_x < 0 ? Texel{} : read(o.from_face, best_x, best_y);
   };
   std::vector<Texel> values(orphans.size());
   for (int pass = 0; pass < 4; ++pass) {
@@ -231,10 +351,7 @@ void Source::adopt(std::vector<Orphan>& orphans) {
         const double nearest_x = std::round(o.from_x), nearest_y = std::round(o.from_y);
         const bool exact = std::abs(o.from_x - nearest_x) < on_texel && std::abs(o.from_y - nearest_y) < on_texel;
         if (pass == 0 || exact) {
-          if (const float* owner = nearest_owned(o))
-            std::copy_n(owner, 4, values[i].data());
-          else
-            values[i] = {};
+          values[i] = nearest_owned(o);
           continue;
         }
         const int x0 = static_cast<int>(std::floor(o.from_x)), y0 = static_cast<int>(std::floor(o.from_y));
@@ -244,8 +361,8 @@ void Source::adopt(std::vector<Orphan>& orphans) {
           const int y = std::clamp(y0 + j - (adopt_taps / 2 - 1), 0, s.rows - 1);
           Texel row{};
           for (int k = 0; k < adopt_taps; ++k) {
-            const int x = std::clamp(x0 + k - (adopt_taps / 2 - 1), 0, s.pitch - 1);
-            const float* t = texel(o.from_face, x, y);
+            const int x = std::clamp(x0 + k - (adopt_taps / 2 - 1), 0, s.columns - 1);
+            const Texel t = read(o.from_face, x, y);
             for (std::size_t c = 0; c < 4; ++c) row[c] += wx[static_cast<std::size_t>(k)] * t[c];
           }
           for (std::size_t c = 0; c < 4; ++c) sum[c] += wy[static_cast<std::size_t>(j)] * row[c];
@@ -253,51 +370,7 @@ void Source::adopt(std::vector<Orphan>& orphans) {
         values[i] = sum;
       }
     });
-    for (std::size_t i = 0; i < orphans.size(); ++i)
-      std::copy_n(values[i].data(), 4, texel(orphans[i].face, orphans[i].x, orphans[i].y));
-  }
-}
-
-// Rows, then columns, through 1/B(z) as two first-order recursions of unit gain at zero frequency (Unser 1999, box 2):
-// forwards y[n] = (1-p) x[n] + p y[n-1], backwards alike.  Beyond its ends a line counts as constant.
-void Source::prefilter() {
-  constexpr float p = static_cast<float>(omoms_pole), g = 1.0f - p;
-  constexpr int lines = 8;  // recursions run abreast
-  for (const SourceFace& s : faces_) {
-    float* base = texels_.data() + 4 * static_cast<std::size_t>(s.first);
-    const std::size_t pitch = static_cast<std::size_t>(s.pitch) * 4;
-    tbb::parallel_for(tbb::blocked_range<int>(0, s.rows, lines), [&](const tbb::blocked_range<int>& range) {
-      for (int y0 = range.begin(); y0 < range.end(); y0 += lines) {
-        const int n = std::min(lines, range.end() - y0);
-        float state[lines][4];
-        for (int k = 0; k < n; ++k) std::copy_n(base + static_cast<std::size_t>(y0 + k) * pitch, 4, state[k]);
-        for (int x = 0; x < s.pitch; ++x)
-          for (int k = 0; k < n; ++k) {
-            float* t = base + static_cast<std::size_t>(y0 + k) * pitch + 4 * static_cast<std::size_t>(x);
-            for (int c = 0; c < 4; ++c) t[c] = state[k][c] = g * t[c] + p * state[k][c];
-          }
-        for (int x = s.pitch - 1; x >= 0; --x)
-          for (int k = 0; k < n; ++k) {
-            float* t = base + static_cast<std::size_t>(y0 + k) * pitch + 4 * static_cast<std::size_t>(x);
-            for (int c = 0; c < 4; ++c) t[c] = state[k][c] = g * t[c] + p * state[k][c];
-          }
-      }
-    });
-    constexpr std::size_t strip = 256;  // floats: a strip of columns stays in the cache from end to end
-    const std::size_t strips = (pitch + strip - 1) / strip;
-    tbb::parallel_for(std::size_t{0}, strips, [&](std::size_t k) {
-      const std::size_t x0 = k * strip, n = std::min(strip, pitch - x0);
-      float state[strip];
-      std::copy_n(base + x0, n, state);
-      for (int y = 0; y < s.rows; ++y) {
-        float* t = base + static_cast<std::size_t>(y) * pitch + x0;
-        for (std::size_t i = 0; i < n; ++i) t[i] = state[i] = g * t[i] + p * state[i];
-      }
-      for (int y = s.rows - 1; y >= 0; --y) {
-        float* t = base + static_cast<std::size_t>(y) * pitch + x0;
-        for (std::size_t i = 0; i < n; ++i) t[i] = state[i] = g * t[i] + p * state[i];
-      }
-    });
+    for (std::size_t i = 0; i < orphans.size(); ++i) write(orphans[i], values[i]);
   }
 }
 

@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// An environment made ready for reading at any direction: faces with aprons, prefiltered, highlights apart.
+// An environment made ready for reading at any direction, without a copy of it where none is needed.
 //
-// Every face is stored as RGBA with `apron` more texels on every side.  What stands there, and in a face's texels that
-// the layout does not own, is read from across the seams on the sphere: the texel's own direction (the layout's formula
-// goes on beyond its faces), looked up where that direction is owned.  No table of neighbours exists.
+// Places in a face are counted in padded texels: (apron, apron) is the face's first texel, and `apron` texels lie
+// beyond every side.  What stands there, and in a face's texels that the layout does not own, is read from across the
+// seams on the sphere: the texel's own direction (the layout's formula goes on beyond its faces), looked up where that
+// direction is owned.  No table of neighbours exists.  The aprons and a few texels inside of them are kept as strips,
+// so that any window of taps lies wholly in the face's pixels or in one strip.
 //
 // Highlights.  A kernel with negative lobes rings around a sun.  For filters that ask for it (Filter::limited), each
-// texel is split into min(v, T) and the excess max(v - T, 0), T a few times the mean: the first goes through the
-// kernel, the second is read bilinearly, which cannot ring, and is scaled so that the energy that arrives in the output
-// is exactly the excess's radiance times its texel's solid angle (see resample.cpp).
+// texel above a threshold T, a few times the mean, is split into a base that its neighbourhood suggests and the excess
+// over that: the first goes through the kernel, the second is read bilinearly, which cannot ring, and is scaled so that
+// the energy that arrives in the output is exactly the excess's radiance times its texel's solid angle (see
+// resample.cpp).
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -22,15 +27,24 @@
 
 namespace envconv {
 
-/// Affine maps from (u, v) to padded texel coordinates, and where the face's texels are.
+/// A face of a source.
 struct SourceFace {
-  Size size;               ///< the face's own, without apron
-  int pitch = 0;           ///< texels in a padded row
-  int rows = 0;            ///< padded rows
-  std::int32_t first = 0;  ///< index of the padded face's first texel
-  float scale_u = 0, bias_u = 0, scale_v = 0, bias_v = 0;
-  int blocks = 0;  ///< blocks of the highlight map in a row
+  Size size;                                               ///< the face's own, without apron
+  const float* pixels = nullptr;                           ///< the face's first texel; the image's, or an own copy's
+  std::ptrdiff_t pitch = 0;                                ///< floats from row to row
+  int columns = 0, rows = 0;                               ///< padded texels
+  float scale_u = 0, bias_u = 0, scale_v = 0, bias_v = 0;  ///< (u, v) to padded texels
+  int blocks = 0;                                          ///< of the highlight map in a row
   std::int32_t first_block = 0;
+};
+
+/// A rectangle of padded texels around a face's edge.
+struct Strip {
+  int x = 0, y = 0;
+  Image pixels;
+  bool holds(int column, int row) const {
+    return column >= x && column < x + pixels.width() && row >= y && row < y + pixels.height();
+  }
 };
 
 /// Texels of apron on every side that reading with a kernel needs.
@@ -42,6 +56,8 @@ struct Highlights {
   static constexpr double received_unit = 0x1p-50;  ///< of Block::received, in steradians
   struct Block {
     float excess[side * side][4];
+    float base[side * side][4];           ///< of split texels: what is left of them
+    bool split[side * side];              ///< true where the texel was split
     std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
   };
   std::vector<std::int32_t> index;  ///< [first_block + by * blocks + bx]: block number, or -1
@@ -58,9 +74,17 @@ struct Highlights {
   /// Directions of highlights on texels so thin that ordinary sampling would miss them.
   std::vector<Vec3> slivers;
   bool any() const { return !blocks.empty(); }
+  /// Index in its block of a padded texel.
+  static constexpr int place(int x, int y) { return y % side * side + x % side; }
+  /// The block of a padded texel, or nullptr.
+  const Block* block_at(const SourceFace& face, int x, int y) const {
+    ENVCONV_ASSERT(x >= 0 && x < face.columns && y >= 0 && y < face.rows);
+    const std::int32_t i = index[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)];
+    return i < 0 ? nullptr : &blocks[static_cast<std::size_t>(i)];
+  }
   /// True when a bilinear read at padded texel (x, y) may meet a highlight.
   bool reach(const SourceFace& face, int x, int y) const {
-    ENVCONV_ASSERT(x >= 0 && x < face.pitch && y >= 0 && y < face.rows);
+    ENVCONV_ASSERT(x >= 0 && x < face.columns && y >= 0 && y < face.rows);
     return reachable[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)] != 0;
   }
 };
@@ -79,31 +103,37 @@ void for_each_highlight_tap(AnyHighlights& highlights, const SourceFace& face, i
   constexpr int side = Highlights::side;
   for (int k = 0; k < 4; ++k) {
     const int xx = x + (k & 1), yy = y + (k >> 1);
-    ENVCONV_ASSERT(xx >= 0 && xx < face.pitch && yy >= 0 && yy < face.rows);
+    ENVCONV_ASSERT(xx >= 0 && xx < face.columns && yy >= 0 && yy < face.rows);
     const std::int32_t index =
         highlights.index[static_cast<std::size_t>(face.first_block + yy / side * face.blocks + xx / side)];
     if (index < 0) continue;
-    take(highlights.blocks[static_cast<std::size_t>(index)], yy % side * side + xx % side,
+    take(highlights.blocks[static_cast<std::size_t>(index)], Highlights::place(xx, yy),
          (k & 1 ? fx : 1 - fx) * (k >> 1 ? fy : 1 - fy));
   }
 }
 
-/// Four channels of an environment, ready for reading.
+/// Up to four channels of an environment, ready for reading.
 class Source {
  public:
-  /// Channels [first_channel, first_channel + 4) of the image; missing ones read 0.
+  /// Channels [first_channel, first_channel + 4) of the image, whose pixels must outlive the source.
   Source(const EnvImage& image, int first_channel, const Filter& filter);
 
   const Layout& layout() const { return *layout_; }
   const std::vector<SourceFace>& faces() const { return faces_; }
-  const float* texels() const { return texels_.data(); }  ///< RGBA, all padded faces
+  int channels() const { return channels_; }  ///< floats a texel: 3, or 4 (absent ones are 0)
   int apron() const { return apron_; }
-  SourceView view() const;
+  const FaceMaps& maps() const { return maps_; }
   Placement placement() const { return placement_; }
   /// Lowest value of each channel in the image: what a reconstruction must not undercut when it is positive.
   const float* lowest() const { return lowest_; }
   Highlights& highlights() { return highlights_; }
   const Highlights& highlights() const { return highlights_; }
+
+  /// Points windows.first and .pitch at a face's pixels, or at a strip, for windows of the kernel's taps.
+  void point(Kernel kernel, int n, const float* face, Windows& windows) const;
+
+  /// Copies `count` padded texels of a row, channels() floats each, highlights replaced by their bases.
+  void copy_row(int face, int x, int y, int count, float* out) const;
 
   /// value[4] += the excess read bilinearly at fractions (fx, fy) right of and below padded texel (x, y).
   void add_highlights(int face, int x, int y, float fx, float fy, float* value) const;
@@ -119,22 +149,45 @@ class Source {
     std::int32_t from_face;
     double from_x, from_y;
   };
-  void copy_texels(const EnvImage& image, int first_channel);
+  using Texel = std::array<float, 4>;
+  void place_faces(const EnvImage& image);
+  void copy_pixels(const EnvImage& image, int first_channel);
+  // Of a row of a face: the lowest value of each channel, and the largest magnitude of the first three.
+  struct RowRange {
+    Texel low;
+    float brightest;
+  };
+  RowRange range_of(const SourceFace& face, int row) const;
+  void make_strips();
   void split_highlights();
   void spread_highlights();
   void find_orphans(std::vector<Orphan>& orphans) const;
-  void adopt(std::vector<Orphan>& orphans);
+  void adopt(const std::vector<Orphan>& orphans);
   void copy_highlights(const std::vector<Orphan>& orphans);
   void repeat_highlights();
-  void prefilter();
+  bool in_face(const SourceFace& face, int x, int y) const {
+    return x >= apron_ && x < apron_ + face.size.width && y >= apron_ && y < apron_ + face.size.height;
+  }
+  // A padded texel of the face's own, as stored.
+  const float* pixel(const SourceFace& face, int x, int y) const {
+    ENVCONV_ASSERT(in_face(face, x, y));
+    return face.pixels + (y - apron_) * face.pitch + (x - apron_) * channels_;
+  }
+  const Strip& strip_at(int face, int x, int y) const;
+  Texel read(int face, int x, int y) const;
+  void write(const Orphan& orphan, const Texel& value);
+  Highlights::Block* block_at(int face, int x, int y, bool create);
   float* excess_at(int face, int x, int y, bool create);
   std::uint64_t* received_at(int face, int x, int y);
 
   const Layout* layout_;
   Placement placement_;
+  int channels_ = 3;
   int apron_;
   std::vector<SourceFace> faces_;
-  Image texels_;
+  std::vector<Image> copies_;               // of faces, where the image's pixels cannot be read in place
+  std::vector<std::vector<Strip>> strips_;  // by face
+  FaceMaps maps_;
   float lowest_[4];
   float threshold_ = 0;
   Highlights highlights_;

@@ -9,7 +9,24 @@ add_library(inject MODULE tests/inject.cpp)
 target_compile_options(inject PRIVATE -fno-builtin)  # else a call of malloc in malloc may be "optimised"
 target_link_libraries(inject PRIVATE ${CMAKE_DL_LIBS})
 
-foreach(test IN ITEMS usage convert batch color memory signals faults corpus cluster info safety documents)
+set(cli_tests
+  analyze
+  batch
+  cluster
+  color
+  compare
+  convert
+  corpus
+  documents
+  faults
+  info
+  memory
+  pattern
+  report
+  safety
+  signals
+  usage)
+foreach(test IN LISTS cli_tests)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
@@ -24,6 +41,30 @@ add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}
 set(oracle_environment ENVCONV=$<TARGET_FILE:envconv> ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}
                        PYTHONPATH=${CMAKE_CURRENT_SOURCE_DIR}/tests/cli ${tool_options})
 set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT "${oracle_environment}")
+
+add_executable(container_samples tests/container_samples.cpp)
+target_link_libraries(container_samples PRIVATE libenvconv)
+add_test(NAME container_oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/container_oracle_test.py)
+set_tests_properties(container_oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT
+  "${oracle_environment};CONTAINER_SAMPLES=$<TARGET_FILE:container_samples>")
+
+# Against packages that only npm has, which the first test downloads into the build folder, and Debian's chromium.
+option(ENVCONV_ORACLES_NPM "Add the tests that download packages with npm" OFF)
+if(ENVCONV_ORACLES_NPM)
+  find_program(NODE node REQUIRED)
+  find_program(NPM npm REQUIRED)
+  set(npm_folder ${CMAKE_CURRENT_BINARY_DIR}/npm)
+  add_test(NAME npm_packages COMMAND ${NPM} install --prefix ${npm_folder} --no-audit --no-fund --ignore-scripts
+           ktx-parse@2.0.0 playwright-core@1.65.1 three@0.187.0)
+  add_test(NAME ktx_parse COMMAND ${NODE} ${CMAKE_CURRENT_SOURCE_DIR}/tests/ktx_parse_test.mjs ${npm_folder}
+           $<TARGET_FILE:container_samples>)
+  find_program(CHROMIUM chromium REQUIRED)
+  add_test(NAME three COMMAND ${NODE} ${CMAKE_CURRENT_SOURCE_DIR}/tests/three_test.mjs ${npm_folder}
+           $<TARGET_FILE:envconv>)
+  set_tests_properties(three PROPERTIES ENVIRONMENT "CHROMIUM=${CHROMIUM}")
+  set_tests_properties(npm_packages PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_SETUP npm)
+  set_tests_properties(ktx_parse three PROPERTIES LABELS npm TIMEOUT 300 FIXTURES_REQUIRED npm)
+endif()
 
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
          ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)

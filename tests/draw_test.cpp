@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text, lines and rectangles in images.
+// Text, lines and rectangles in images, and the colours of scales.
 #include "draw.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
 #include <set>
 #include <string>
+
+#include "colormap.h"
 
 namespace envconv {
 namespace {
@@ -102,6 +105,49 @@ TEST(Draw, RectanglesAreClipped) {
   EXPECT_EQ(total(image), 2 * 2);
   fill_rectangle(image, 0, 0, -3, 5, ink);
   EXPECT_EQ(total(image), 2 * 2);
+}
+
+// OKLab of linear sRGB: the other direction of Ottosson's pair of formulas, with his constants.
+std::array<double, 3> oklab(const Rgb& c) {
+  const double l = std::cbrt(0.4122214708 * c[0] + 0.5363325363 * c[1] + 0.0514459929 * c[2]);
+  const double m = std::cbrt(0.2119034982 * c[0] + 0.6806995451 * c[1] + 0.1073969566 * c[2]);
+  const double s = std::cbrt(0.0883024619 * c[0] + 0.2817188376 * c[1] + 0.6299787005 * c[2]);
+  return {0.2104542553 * l + 0.7936177850 * m - 0.0040720468 * s,
+          1.9779984951 * l - 2.4285922050 * m + 0.4505937099 * s,
+          0.0259040371 * l + 0.7827717662 * m - 0.8086757660 * s};
+}
+
+TEST(Colors, OklabIsInvertedAndGreysAreGrey) {
+  for (const Rgb& color : {Rgb{0.2, 0.5, 0.9}, Rgb{1, 0, 0}, Rgb{0, 0.01, 0.3}}) {
+    const auto lab = oklab(color);
+    const Rgb back = linear_from_oklab(lab[0], lab[1], lab[2]);
+    for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(back[i], color[i], 1e-6);
+  }
+  for (const double v : srgb_from_oklch(1, 0, 0)) EXPECT_NEAR(v, 1, 1e-6);
+  const Rgb grey = srgb_from_oklch(0.5, 0, 123);
+  EXPECT_NEAR(grey[0], grey[1], 1e-6);
+  EXPECT_NEAR(grey[1], grey[2], 1e-6);
+  // Beyond what screens show, the hue stays and the chroma gives way.
+  for (const double v : srgb_from_oklch(0.6, 1, 200)) EXPECT_TRUE(v >= 0 && v <= 1);
+}
+
+TEST(Colors, TheScaleRisesInLightnessByEqualDistances) {
+  constexpr int steps = 64;
+  std::array<double, steps> distance;
+  auto last = oklab(scale_color(0));
+  for (int i = 1; i <= steps; ++i) {
+    const Rgb color = scale_color(static_cast<double>(i) / steps);
+    for (const double v : color) EXPECT_TRUE(v > 0 && v < 1) << i;  // nothing was cut off to fit the screen
+    const auto lab = oklab(color);
+    EXPECT_GT(lab[0], last[0]);
+    distance[static_cast<std::size_t>(i) - 1] = std::hypot(lab[0] - last[0], lab[1] - last[1], lab[2] - last[2]);
+    last = lab;
+  }
+  const auto [least, most] = std::ranges::minmax(distance);
+  EXPECT_LT(most / least, 1.01);
+  EXPECT_EQ(scale_color(-3), scale_color(0));
+  EXPECT_EQ(scale_color(7), scale_color(1));
+  EXPECT_EQ(scale_color(std::nan("")), scale_color(0));
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 # Fuzz targets: envconv_fuzz(NAME FOLDER) for tests/fuzz/NAME.cpp.  As a test it runs over the files of
-# testdata/corpus/FOLDER.  Configured with -DENVCONV_FUZZ=ON and clang, it is a fuzzer as well:
-# build/NAME -max_len=4096 NEW_FOLDER testdata/corpus/FOLDER
+# testdata/corpus/FOLDER.  Configured with the preset fuzz, it is a fuzzer as well:
+# build-fuzz/NAME -max_len=4096 NEW_FOLDER testdata/corpus/FOLDER
 function(envconv_fuzz name folder)
   add_executable(${name}_replay tests/fuzz/${name}.cpp tests/fuzz/replay.cpp)
   target_link_libraries(${name}_replay PRIVATE libenvconv)
@@ -13,6 +13,9 @@ function(envconv_fuzz name folder)
   endif()
 endfunction()
 
+envconv_fuzz(dds_fuzz dds)
+envconv_fuzz(ktx_fuzz ktx)
+envconv_fuzz(ktx2_fuzz ktx2)
 envconv_fuzz(hdr_fuzz hdr)
 envconv_fuzz(convert_fuzz convert)
 
@@ -21,7 +24,7 @@ get_target_property(sources envconv SOURCES)
 list(REMOVE_ITEM sources tools/envconv.cpp)
 add_library(envconv_parts STATIC ${sources})
 target_include_directories(envconv_parts PUBLIC tools)
-target_link_libraries(envconv_parts PUBLIC libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb)
+target_link_libraries(envconv_parts PUBLIC libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb ZLIB::ZLIB)
 foreach(name IN ITEMS options template)
   envconv_fuzz(${name}_fuzz ${name})
   target_link_libraries(${name}_fuzz_replay PRIVATE envconv_parts)

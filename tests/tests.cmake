@@ -15,17 +15,27 @@ endfunction()
 set(tests
   analyze_test
   color_test
+  container_damage_test
+  container_test
   diamond_facts_test
+  discrepancy_test
   draw_test
   io_test
   layout_facts_test
   layout_laws_test
+  metrics_test
   packing_test
+  pattern_test
   recognize_test
   resample_test
+  texel_format_test
   tiny_test)
 foreach(test IN LISTS tests)
   envconv_test(${test})
+endforeach()
+
+foreach(test IN ITEMS discrepancy_test pattern_test)
+  target_link_libraries(${test} PRIVATE TBB::tbb)  # chooses the number of threads
 endforeach()
 
 # Chooses SIMD targets, so it talks to Highway itself.
@@ -34,13 +44,29 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
+
 # The scheduler of the tool, alone.
 envconv_test(batch_test LIBRARIES TBB::tbb)
 target_sources(batch_test PRIVATE tools/batch.cpp)
 target_include_directories(batch_test PRIVATE tools)
 
+# Its own search runs on every SIMD target; the image library and Mesa decode what it encodes.
+find_library(EGL EGL REQUIRED)
+envconv_test(bc6h_test LIBRARIES hwy::hwy)
+envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
+
+# DevIL reads DDS files of the older kind.
+find_library(DEVIL IL REQUIRED)
+envconv_test(devil_oracle_test LABELS oracle LIBRARIES ${DEVIL})
+
+# Mesa's software renderer looks up what we write.
+pkg_check_modules(EPOXY REQUIRED IMPORTED_TARGET epoxy)
+envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
+
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
+add_dependencies(container_test envconv_imageio)
+add_dependencies(container_damage_test envconv_imageio)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
   target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not
@@ -49,3 +75,14 @@ endif()
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).
 add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
 target_link_libraries(resample_bench PRIVATE libenvconv TBB::tbb)
+
+# Beside OpenCV, where it is installed (ninja peers_bench; libopencv-dev).
+find_package(OpenCV QUIET COMPONENTS core imgproc)
+if(OpenCV_FOUND)
+  add_executable(peers_bench EXCLUDE_FROM_ALL tests/bench/peers_bench.cpp)
+  target_link_libraries(peers_bench PRIVATE libenvconv opencv_core opencv_imgproc)
+endif()
+
+# The same for BC6H (ninja bc6h_bench).
+add_executable(bc6h_bench EXCLUDE_FROM_ALL tests/bench/bc6h_bench.cpp)
+target_link_libraries(bc6h_bench PRIVATE libenvconv)

@@ -8,28 +8,6 @@
 namespace envconv::tool {
 namespace {
 
-Option rotate_option(Rotation& target) {
-  Option option{.names = "--rotate",
-                .value = "YAW,PITCH,ROLL",
-                .help =
-                    "turn the environment by so many degrees: about up (forward goes right), about right (up goes "
-                    "forward), about forward (right goes up); roll first, yaw last"};
-  option.set = [&target](const std::string& text) {
-    const std::size_t one = text.find(','), two = one == std::string::npos ? one : text.find(',', one + 1);
-    if (two != std::string::npos) {
-      const auto yaw = parse_number(std::string_view(text).substr(0, one));
-      const auto pitch = parse_number(std::string_view(text).substr(one + 1, two - one - 1));
-      const auto roll = parse_number(std::string_view(text).substr(two + 1));
-      if (yaw && pitch && roll) {
-        target = {*yaw, *pitch, *roll};
-        return std::string();
-      }
-    }
-    return "'" + text + "' is not three numbers with commas between them";
-  };
-  return option;
-}
-
 Option size_option(int& target) {
   Option option = integer_option("--size", "N", target, least_size, largest_size,
                                  "height of a face in texels (of a latlong: the image's height); auto: the smallest "
@@ -38,38 +16,6 @@ Option size_option(int& target) {
     if (text != "auto") return plain(text);
     target = 0;
     return std::string();
-  };
-  return option;
-}
-
-Option filter_option(const Filter*& target) {
-  Option option{.names = "--filter",
-                .value = "NAME",
-                .help = "how the input is weighted over each output texel; auto neither aliases nor blurs",
-                .choices = filter_names()};
-  option.set = [&target](const std::string& name) {
-    target = find_filter(name);
-    return target ? std::string() : "no filter is called '" + name + "'; there are: " + joined(filter_names());
-  };
-  return option;
-}
-
-constexpr std::array<std::pair<std::string_view, PixelType>, 4> types{{{"half", PixelType::half},
-                                                                       {"float", PixelType::float32},
-                                                                       {"uint8", PixelType::uint8},
-                                                                       {"uint16", PixelType::uint16}}};
-
-Option type_option(WriteOptions& target) {
-  Option option{.names = "--type", .value = "TYPE", .help = "type of the stored values"};
-  for (const auto& [name, type] : types) option.choices.push_back(name);
-  option.set = [&target, choices = option.choices](const std::string& text) {
-    for (const auto& [name, type] : types) {
-      if (name != text) continue;
-      target.type = type;
-      target.type_given = true;
-      return std::string();
-    }
-    return "'" + text + "' is not one of " + joined(choices);
   };
   return option;
 }
@@ -150,8 +96,8 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Output",
       packing_option("--packing", o.packing,
                      "how faces lie in the image; files: one file per face, with {face} in --output; parts: one "
-                     "OpenEXR part per face"),
-      "the layout's own");
+                     "OpenEXR part per face, or the faces or layers of a DDS, KTX or KTX2 file"),
+      "the layout's own; parts for DDS, KTX and KTX2");
   add("Output", frame_option("--frame", o.frame, "axes of the program that will use the output"), "world");
   add("Output", size_option(o.size), "auto");
   add("Output", count_option("--texels", "N", o.texels, std::int64_t{1} << 40,
@@ -159,7 +105,8 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Output", type_option(o.write), "the nearest that the file format and the input share");
   add("Output",
       text_option("--compression", "NAME", o.write.compression,
-                  "compression of the file format: zip, piz, dwaa:45 ... for OpenEXR"),
+                  "compression of the file format: zip, piz, dwaa:45 ... for OpenEXR, zstd:9 ... for KTX2; of bc6h the "
+                  "effort, fast, normal or best, after a comma where both are given"),
       "the format's usual");
   add("Output", switch_option("--verify", o.write.verify, "read each output back before it takes its name"));
   add_input_options(command, o.input);

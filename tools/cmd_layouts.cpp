@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // envconv layouts: the table of layouts, from the registry and from measurement.
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -12,9 +11,6 @@ namespace envconv::tool {
 namespace {
 
 using nlohmann::ordered_json;
-
-// JSON has no infinity.
-ordered_json finite_or_null(double value) { return std::isfinite(value) ? ordered_json(value) : ordered_json(); }
 
 ordered_json json_of(const Layout& layout) {
   const LayoutInfo& info = layout.info();
@@ -48,30 +44,19 @@ std::string details(const Layout& layout) {
 }
 
 int run(bool as_json, const std::vector<std::string>& names) {
-  std::vector<const Layout*> chosen;
-  for (const std::string& name : names) {
-    const Layout* layout = find_layout(name);
-    if (!layout) {
-      complain("no layout is called '" + name + "'" + did_you_mean(name, layout_names()) +
-               " (see 'envconv layouts' for all)");
-      return static_cast<int>(ErrorCode::usage);
-    }
-    chosen.push_back(layout);
-  }
-  if (chosen.empty()) {
-    for (const Layout& layout : all_layouts()) chosen.push_back(&layout);
-  }
+  const Result<std::vector<const Layout*>> chosen = layouts_named(names);
+  if (!chosen) return fail(chosen.error());
   if (as_json) {
     ordered_json list = ordered_json::array();
-    for (const Layout* layout : chosen) list.push_back(json_of(*layout));
+    for (const Layout* layout : *chosen) list.push_back(json_of(*layout));
     print(ordered_json{{"layouts", list}}.dump(2) + "\n");
     return 0;
   }
   std::vector<std::vector<std::string>> rows{layout_columns()};
-  for (const Layout* layout : chosen) rows.push_back(layout_row(*layout));
+  for (const Layout* layout : *chosen) rows.push_back(layout_row(*layout));
   print(table(rows));
   if (!names.empty()) {
-    for (const Layout* layout : chosen) print(details(*layout));
+    for (const Layout* layout : *chosen) print(details(*layout));
   }
   return 0;
 }

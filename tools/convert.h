@@ -73,6 +73,9 @@ Result<std::vector<std::string>> all_inputs(const ConvertOptions& options, std::
 /// Makes the plan and checks all of it.
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs);
 
+/// The plan of one output that has no input: `name` is its stem, and stands for it in messages.
+Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name);
+
 /// What an input is and what it will become; all that a header tells.
 struct Shape {
   Recognition source;
@@ -104,6 +107,14 @@ struct Outcome {
   std::vector<std::string> warnings;
   double read_seconds = 0, resample_seconds = 0, write_seconds = 0;  ///< without waiting for cores or memory
 };
+
+/// How the outputs are written: with metadata that record `rotation`, and without --type as the format's nearest to
+/// `source_type`.
+WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
+                           int channels);
+/// Packs an environment and writes it as planned.  Sets the outcome's type, and adds to its warnings.
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, EnvImage image,
+                       Outcome& outcome);
 
 /// Converts one input, in its turn.  The error of a job that is not wanted any more is `cancelled`.
 Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, Batch::Turn& turn);

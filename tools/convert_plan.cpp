@@ -32,7 +32,13 @@ std::string canonical(const std::string& path) {
   return error ? path : whole.string();
 }
 
-Result<Ok> fill_in(ConvertOptions& o) {
+// Files that keep faces apart: as --output says, or where it leaves the extension to them, as the inputs are.
+bool writes_containers(const ConvertOptions& o, const std::vector<std::string>& inputs) {
+  if (!o.output.ends_with('/') && !o.output.ends_with("{ext}")) return holds_faces(o.output);
+  return !inputs.empty() && std::ranges::all_of(inputs, holds_faces);
+}
+
+Result<Ok> fill_in(ConvertOptions& o, const std::vector<std::string>& inputs) {
   if (!o.layout) o.layout = find_layout("cube");
   if (!o.frame) o.frame = find_frame("world");
   // More than there are cores gain nothing; but that results do not depend on them can be seen on small machines too.
@@ -45,7 +51,8 @@ Result<Ok> fill_in(ConvertOptions& o) {
     // A name for every face asks for a file for every face.
     const Result<OutputName> name = OutputName::parse(o.output, false);
     const bool per_face = name && (name->uses("face") || name->uses("face_index"));
-    o.packing = per_face ? find_packing("files") : &default_packing(*o.layout);
+    const bool apart = writes_containers(o, inputs) && o.layout->face_count() > 1 && faces_are_alike(*o.layout);
+    o.packing = per_face ? find_packing("files") : apart ? find_packing("parts") : &default_packing(*o.layout);
   }
   if (!packs(*o.packing, *o.layout)) {
     std::vector<std::string_view> possible;
@@ -56,6 +63,13 @@ Result<Ok> fill_in(ConvertOptions& o) {
                                              std::string(o.layout->name()) + " (which can be packed as " +
                                              joined(possible) + ")"};
   }
+  const bool parts = o.packing->name == "parts";
+  if (parts && writes_containers(o, inputs) && !faces_are_alike(*o.layout)) {
+    return Error{ErrorCode::unsupported, "--packing: faces of " + std::string(o.layout->name()) +
+                                             " differ in size, which layers of one file cannot (choose " +
+                                             std::string(default_packing(*o.layout).name) + ")"};
+  }
+  o.write.cube = parts && is_cube_map(*o.layout);
   return Ok{};
 }
 
@@ -253,7 +267,7 @@ Result<std::vector<std::string>> all_inputs(const ConvertOptions& o, std::vector
 }
 
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
-  ENVCONV_CHECK(fill_in(options));
+  ENVCONV_CHECK(fill_in(options, inputs));
   ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
   const bool is_batch = inputs.size() != 1 || !options.files_from.empty() || options.shards > 1;
   ConvertPlan plan{std::move(options), {}, {}, is_batch};
@@ -281,6 +295,19 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
   return plan;
 }
 
+Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name) {
+  ENVCONV_CHECK(fill_in(options, {}));
+  ENVCONV_TRY(const OutputName output, parse_output(options, 1));
+  ConvertPlan plan;
+  plan.options = std::move(options);
+  Job job;
+  job.input.name = name;
+  ENVCONV_CHECK(name_outputs(plan, output, false, job));
+  plan.jobs.push_back(std::move(job));
+  ENVCONV_CHECK(check_outputs(plan, {}));
+  return plan;
+}
+
 Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFile& file) {
   const ConvertOptions& o = plan.options;
   Shape shape;
@@ -293,6 +320,9 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
   shape.height = o.size     ? o.size
                  : o.texels ? height_for_texels(*o.layout, o.texels)
                             : matching_height(*shape.source.layout, shape.source.height, *o.layout);
+  // Whole blocks, which Direct3D wants.
+  const bool chosen = o.size == 0 && o.texels == 0;
+  if (chosen && o.write.type_given && o.write.type == PixelType::bc6h) shape.height = (shape.height + 3) / 4 * 4;
   std::size_t texels = 0;
   for (int face = 0; face < o.layout->face_count(); ++face) {
     const Size size = face_size(*o.layout, face, shape.height);

@@ -153,7 +153,7 @@ void warn_of(const WriteReport& report, const std::string& path, std::vector<std
 PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels) {
   using enum PixelType;
   std::vector<PixelType> order{source};
-  if (source == half || source == float32) {
+  if (source == half || source == float32 || source == r11g11b10f || source == rgb9e5 || source == bc6h) {
     order.insert(order.end(), {float32, half, uint8, uint16});
   } else if (source == uint8) {
     order.insert(order.end(), {half, float32, uint16});
@@ -168,7 +168,8 @@ PixelType nearest_type(const std::string& path, PixelType source, WriteOptions w
   return source;
 }
 
-// How the outputs are written; their type is settled.
+}  // namespace
+
 WriteOptions write_options(const ConvertOptions& o, const Job& job, const Rotation& rotation, PixelType source_type,
                            int channels) {
   WriteOptions write = o.write;
@@ -205,6 +206,8 @@ Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptio
   warn_of(total, job.paths.front(), outcome.warnings);
   return Ok{};
 }
+
+namespace {
 
 // Seconds since the last call, or since it was made.
 class StopWatch {

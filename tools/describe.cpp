@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
+#include "options.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -34,6 +36,26 @@ std::vector<std::string> layout_row(const Layout& layout) {
           number_text(measured.sampling_requirement, 4),
           number_text(measured.anisotropy, 3),
           std::string(info.source)};
+}
+
+Result<std::vector<const Layout*>> layouts_named(const std::vector<std::string>& names) {
+  std::vector<const Layout*> chosen;
+  for (const std::string& name : names) {
+    const Layout* layout = find_layout(name);
+    if (!layout) {
+      return Error{ErrorCode::usage, "no layout is called '" + name + "'" + did_you_mean(name, layout_names()) +
+                                         " (see 'envconv layouts' for all)"};
+    }
+    chosen.push_back(layout);
+  }
+  if (chosen.empty()) {
+    for (const Layout& layout : all_layouts()) chosen.push_back(&layout);
+  }
+  return chosen;
+}
+
+nlohmann::ordered_json finite_or_null(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
 }
 
 }  // namespace envconv::tool

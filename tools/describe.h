@@ -2,6 +2,7 @@
 // Layouts in words, for the listing, the manual and the README alike.
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -14,5 +15,11 @@ std::string aspect_text(const Layout& layout);
 /// The headings of the table of layouts, and a layout's row.
 std::vector<std::string> layout_columns();
 std::vector<std::string> layout_row(const Layout& layout);
+
+/// The layouts of these names, all for none.  Errors: usage, for a name that no layout has.
+Result<std::vector<const Layout*>> layouts_named(const std::vector<std::string>& names);
+
+/// JSON has no infinity.
+nlohmann::ordered_json finite_or_null(double value);
 
 }  // namespace envconv::tool

@@ -444,7 +444,7 @@ std::string general_help() {
       "  envconv convert 'sky_{face}.png' -o sky.exr --to latlong\n"
       "  envconv info sky_cube.exr\n"
       "\n"
-      "The manual: man envconv, man envconv-layouts\n";
+      "The manual: man envconv, man envconv-layouts, man envconv-metrics\n";
   return out;
 }
 
@@ -470,7 +470,7 @@ Result<std::string> generate(std::string_view kind, const std::string& template_
   std::ifstream file(template_path);
   if (!file) return Error{ErrorCode::input, template_path + ": cannot be read"};
   Result<std::string> text = wrong(template_path, "no document is called '" + std::string(kind) + "'");
-  if (kind == "man" || kind == "layouts-man") text = filled_in(template_path, file);
+  if (kind == "man" || kind == "layouts-man" || kind == "metrics-man") text = filled_in(template_path, file);
   if (kind == "readme") text = readme(template_path, file);
   if (!text) return text;
   // roff writes hyphens as \-, and a change of font stands before the word.

@@ -68,9 +68,8 @@ Result<PictureFile> read_input(const Input& input, const ReadOptions& options) {
     } else {
       all.warnings.insert(all.warnings.end(), one.warnings.begin(), one.warnings.end());
       const Image& first = all.pictures.front().image;
-      const bool all_alike = input.layout->info().faces[i].aspect == input.layout->info().faces[0].aspect &&
-                             input.layout->info().faces[i].scale == input.layout->info().faces[0].scale;
-      if (all_alike && (picture.image.width() != first.width() || picture.image.height() != first.height())) {
+      if (faces_are_alike(*input.layout) &&
+          (picture.image.width() != first.width() || picture.image.height() != first.height())) {
         return Error{ErrorCode::input, input.paths[i] + ": " + std::to_string(picture.image.width()) + "x" +
                                            std::to_string(picture.image.height()) + ", where " + input.paths[0] +
                                            " is " + std::to_string(first.width()) + "x" +
@@ -100,6 +99,25 @@ Result<Recognition> recognize_input(const Input& input, const PictureFile& file,
     if (!all.layout && !file.metadata.contains("envconv:layout")) all.layout = input.layout;
   }
   return recognize(file, all);
+}
+
+bool is_integer(PixelType type) {
+  return type == PixelType::uint8 || type == PixelType::uint16 || type == PixelType::uint32;
+}
+
+Result<LoadedMap> load_map(const std::string& name, const InputHints& hints, const ReadOptions& options) {
+  const Input input = input_named(name, hints);
+  ENVCONV_CHECK(check_readable(input));
+  ENVCONV_TRY(PictureFile file, read_input(input, options));
+  if (file.pictures.empty()) return Error{ErrorCode::input, name + ": holds no picture"};
+  LoadedMap map;
+  map.name = name;
+  map.type = file.pictures.front().type;
+  map.warnings = file.warnings;
+  ENVCONV_TRY(map.recognition, recognize_input(input, file, hints));
+  map.warnings.insert(map.warnings.end(), map.recognition.warnings.begin(), map.recognition.warnings.end());
+  ENVCONV_TRY(map.image, to_environment(std::move(file), map.recognition));
+  return map;
 }
 
 }  // namespace envconv::tool

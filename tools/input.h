@@ -32,4 +32,18 @@ Result<PictureFile> read_input(const Input& input, const ReadOptions& options);
 /// What an input is; recognize() with the hints that the name implies.
 Result<Recognition> recognize_input(const Input& input, const PictureFile& file, const InputHints& hints);
 
+/// An input as an environment.
+struct LoadedMap {
+  std::string name;
+  EnvImage image;
+  Recognition recognition;
+  PixelType type = PixelType::float32;  ///< as stored
+  std::vector<std::string> warnings;
+};
+/// Checks, reads and recognises an input: all of the above in one.
+Result<LoadedMap> load_map(const std::string& name, const InputHints& hints, const ReadOptions& options);
+
+/// Whether the stored values are whole numbers, which stand for 0 to 1.
+bool is_integer(PixelType type);
+
 }  // namespace envconv::tool

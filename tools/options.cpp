@@ -39,6 +39,9 @@ Option registry_option(std::string names, std::string value, std::string_view ki
   return option;
 }
 
+constexpr std::array types{PixelType::half,   PixelType::float32,    PixelType::uint8, PixelType::uint16,
+                           PixelType::rgb9e5, PixelType::r11g11b10f, PixelType::bc6h};
+
 }  // namespace
 
 std::vector<std::string_view> layout_names() { return names_of(all_layouts()); }
@@ -104,6 +107,17 @@ Option count_option(std::string names, std::string value, std::int64_t& target, 
   return option;
 }
 
+Option number_option(std::string names, std::string value, std::optional<double>& target, double least, double most,
+                     std::string help) {
+  Option option{.names = std::move(names), .value = std::move(value), .help = std::move(help)};
+  option.set = [&target, least, most](const std::string& text) {
+    target = parse_number(text);
+    if (target && *target >= least && *target <= most) return std::string();
+    return "'" + text + "' is not a number from " + number_text(least, 9) + " to " + number_text(most, 9);
+  };
+  return option;
+}
+
 Option layout_option(std::string names, const Layout*& target, std::string help) {
   return registry_option<Layout>(std::move(names), "LAYOUT", "layout", target, layout_names(), find_layout,
                                  std::move(help));
@@ -118,20 +132,88 @@ Option frame_option(std::string names, const Frame*& target, std::string help) {
   return registry_option<Frame>(std::move(names), "FRAME", "frame", target, frame_names(), find_frame, std::move(help));
 }
 
+Option filter_option(const Filter*& target) {
+  Option option{.names = "--filter",
+                .value = "NAME",
+                .help = "how the input is weighted over each output texel; auto neither aliases nor blurs",
+                .choices = filter_names()};
+  option.set = [&target](const std::string& name) {
+    target = find_filter(name);
+    return target ? std::string() : "no filter is called '" + name + "'; there are: " + joined(filter_names());
+  };
+  return option;
+}
+
+Option rotate_option(Rotation& target) {
+  Option option{.names = "--rotate",
+                .value = "YAW,PITCH,ROLL",
+                .help =
+                    "turn the environment by so many degrees: about up (forward goes right), about right (up goes "
+                    "forward), about forward (right goes up); roll first, yaw last"};
+  option.set = [&target](const std::string& text) {
+    const std::size_t one = text.find(','), two = one == std::string::npos ? one : text.find(',', one + 1);
+    if (two != std::string::npos) {
+      const auto yaw = parse_number(std::string_view(text).substr(0, one));
+      const auto pitch = parse_number(std::string_view(text).substr(one + 1, two - one - 1));
+      const auto roll = parse_number(std::string_view(text).substr(two + 1));
+      if (yaw && pitch && roll) {
+        target = {*yaw, *pitch, *roll};
+        return std::string();
+      }
+    }
+    return "'" + text + "' is not three numbers with commas between them";
+  };
+  return option;
+}
+
+Option type_option(WriteOptions& target) {
+  Option option{.names = "--type",
+                .value = "TYPE",
+                .help = "type of the stored values; rgb9e5, r11g11b10f and bc6h are for DDS, KTX and KTX2"};
+  for (const PixelType type : types) option.choices.push_back(name_of(type));
+  option.set = [&target, choices = option.choices](const std::string& text) {
+    for (const PixelType type : types) {
+      if (name_of(type) != text) continue;
+      target.type = type;
+      target.type_given = true;
+      return std::string();
+    }
+    return "'" + text + "' is not one of " + joined(choices);
+  };
+  return option;
+}
+
 Option in_group(Option option, std::string group, std::string initial) {
   option.group = std::move(group);
   option.initial = std::move(initial);
   return option;
 }
 
-void add_input_options(Command& command, InputOptions& target) {
-  const std::string group = "Input";
+namespace {
+
+constexpr const char* input_group = "Input";
+
+// "--from" + suffix and its kin; `whose` is "the input".
+void add_hint_options(Command& command, InputHints& target, const std::string& suffix, const std::string& whose) {
   auto add = [&](Option option, std::string initial) {
-    command.options.push_back(in_group(std::move(option), group, std::move(initial)));
+    command.options.push_back(in_group(std::move(option), input_group, std::move(initial)));
   };
-  add(layout_option("--from", target.hints.layout, "layout of the input"), "recognised");
-  add(packing_option("--from-packing", target.hints.packing, "how the input's faces lie in its image"), "recognised");
-  add(frame_option("--from-frame", target.hints.frame, "axes that the input was written for"), "recognised, or world");
+  add(layout_option("--from" + suffix, target.layout, "layout of " + whose), "recognised");
+  add(packing_option("--from-packing" + suffix, target.packing, "how the faces of " + whose + " lie in its image"),
+      "recognised");
+  add(frame_option("--from-frame" + suffix, target.frame, "axes that " + whose + " was written for"),
+      "recognised, or world");
+}
+
+}  // namespace
+
+void add_second_input_options(Command& command, InputHints& target) { add_hint_options(command, target, "-b", "B"); }
+
+void add_input_options(Command& command, InputOptions& target) {
+  add_hint_options(command, target.hints, "", "the input");
+  auto add = [&](Option option, std::string initial) {
+    command.options.push_back(in_group(std::move(option), input_group, std::move(initial)));
+  };
   add(count_option("--max-pixels", "N", target.read.max_pixels, std::int64_t{1} << 40,
                    "refuse inputs that claim more pixels"),
       "1073741824");

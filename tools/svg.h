@@ -18,7 +18,7 @@ struct Series {
 struct Axis {
   std::string label;  ///< with its unit: "latitude (degrees)"
   bool logarithmic = false;
-  std::vector<double> ticks;  ///< where to label; empty: round numbers
+  std::vector<double> ticks{};  ///< where to label; empty: round numbers
 };
 
 struct Chart {

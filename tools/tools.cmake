@@ -1,6 +1,7 @@
 # The tool.  A verb's file follows from its line in commands.inc.
 find_package(CLI11 CONFIG REQUIRED)
 find_package(nlohmann_json CONFIG REQUIRED)
+find_package(ZLIB REQUIRED)  # pictures in reports
 
 set(commands tools/commands.inc)
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${commands})
@@ -11,13 +12,33 @@ foreach(line IN LISTS lines)
 endforeach()
 
 add_executable(envconv
-  tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/color_options.cpp
-  tools/input.cpp tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/batch.cpp
-  tools/interrupt.cpp tools/memory.cpp tools/convert_plan.cpp tools/convert_memory.cpp tools/convert_run.cpp
+  tools/batch.cpp
+  tools/color_options.cpp
+  tools/commands.cpp
   tools/convert_batch.cpp
-  tools/describe.cpp tools/generate.cpp ${command_sources})
+  tools/convert_memory.cpp
+  tools/convert_plan.cpp
+  tools/convert_run.cpp
+  tools/describe.cpp
+  tools/envconv.cpp
+  tools/error_picture.cpp
+  tools/figures.cpp
+  tools/generate.cpp
+  tools/input.cpp
+  tools/interrupt.cpp
+  tools/memory.cpp
+  tools/options.cpp
+  tools/output_name.cpp
+  tools/parse.cpp
+  tools/pixels.cpp
+  tools/png.cpp
+  tools/progress.cpp
+  tools/report.cpp
+  tools/svg.cpp
+  tools/text.cpp
+  ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
-target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb)
+target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb ZLIB::ZLIB)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
   "ENVCONV_VERSION=\"${PROJECT_VERSION}\";ENVCONV_OPENEXR_VERSION=\"${OPENEXR_VERSION}\";ENVCONV_OIIO_VERSION=\"${OIIO_VERSION}\";ENVCONV_OCIO_VERSION=\"${OCIO_VERSION}\"")
 # The module is needed at run time, not at link time.
@@ -31,7 +52,7 @@ install(TARGETS envconv RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(TARGETS envconv_imageio LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/envconv)
 install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/envconv)
 install(FILES man/envconv.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
-install(FILES man/envconv-layouts.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
+install(FILES man/envconv-layouts.7 man/envconv-metrics.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
 install(FILES README.md CHANGELOG.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT envconv NAMESPACE envconv:: FILE envconv-targets.cmake

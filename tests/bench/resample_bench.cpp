@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Quality and rate of resample() on analytic panoramas.
 //
-//     resample_bench [--from LAYOUT] [--to LAYOUT] [--filter NAME] [--runs N] [--rate-only] SOURCE_HEIGHT
-//     TARGET_HEIGHT...
+//     resample_bench [--from LAYOUT] [--to LAYOUT] [--filter NAME] [--samples N] [--band SHARE] [--runs N]
+//     [--rate-only] SOURCE_HEIGHT TARGET_HEIGHT...
 //
 // Three signals are painted into the source, point by point at its texels' centres:
 //   R  plane waves cos(k.d + p) with |k| up to the target's Nyquist limit,
 //   G  the same up to half of it,
-//   B  zone plates about the six axes, whose frequency grows from 0 to just below the source's Nyquist limit.
+//   B  zone plates about the six axes, whose frequency grows from 0 to --band (0.98) of the source's Nyquist limit.
 // The truth for an output texel is the signal's mean over the texel's footprint, by Gauss-Legendre quadrature weighted
 // with solid angle.  PSNR is 10 log10(1 / mean squared error), the mean taken over the sphere.  Rates are medians of
 // the runs, whole calls of resample(): aprons, prefilter and the mean's correction included.
@@ -48,8 +48,7 @@ double nyquist(const Layout& layout, int height) {
 
 class Signal {
  public:
-  Signal(double target_nyquist, double source_nyquist)
-      : chirp_(0.98 * source_nyquist / (2 * std::acos(1 / std::sqrt(3.0)))) {
+  Signal(double target_nyquist, double highest) : chirp_(highest / (2 * std::acos(1 / std::sqrt(3.0)))) {
     std::mt19937_64 random(20260921);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform(0, 1);
@@ -144,7 +143,8 @@ void print_quality(const EnvImage& out, const Signal& signal) {
 
 int main(int argc, char** argv) {
   std::string from = "latlong", to = "cube", filter = "auto";
-  int runs = 5;
+  int runs = 5, samples = 0;
+  double band = 0.98;
   bool quality = true;
   std::vector<int> heights;
   for (int i = 1; i < argc; ++i) {
@@ -158,6 +158,10 @@ int main(int argc, char** argv) {
       filter = value();
     else if (word == "--runs")
       runs = std::max(1, std::atoi(value()));
+    else if (word == "--samples")
+      samples = std::atoi(value());
+    else if (word == "--band")
+      band = std::atof(value());
     else if (word == "--rate-only")
       quality = false;
     else
@@ -166,19 +170,21 @@ int main(int argc, char** argv) {
   const Layout *source = find_layout(from), *target = find_layout(to);
   if (!source || !target || !find_filter(filter) || heights.size() < 2) {
     std::fprintf(stderr,
-                 "usage: resample_bench [--from LAYOUT] [--to LAYOUT] [--filter NAME] [--runs N] [--rate-only] "
+                 "usage: resample_bench [--from LAYOUT] [--to LAYOUT] [--filter NAME] [--samples N] [--band SHARE] "
+                 "[--runs N] [--rate-only] "
                  "SOURCE_HEIGHT TARGET_HEIGHT...\n");
     return 2;
   }
   std::printf("SIMD %s, filter %s\n", simd_target(), filter.c_str());
   for (std::size_t k = 1; k < heights.size(); ++k) {
-    const Signal signal(nyquist(*target, heights[k]), nyquist(*source, heights[0]));
+    const Signal signal(nyquist(*target, heights[k]), band * nyquist(*source, heights[0]));
     const EnvImage image = paint(*source, heights[0], signal);
     ResampleOptions options;
     options.layout = target;
     options.height = heights[k];
     options.placement = target->info().placement;
     options.filter = find_filter(filter);
+    options.samples = samples;
     std::vector<double> seconds;
     EnvImage out;
     for (int run = 0; run < runs; ++run) {

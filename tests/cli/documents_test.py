@@ -16,12 +16,13 @@ class Documents(Case):
     def test_manual(self):
         self.check("man", "man/envconv.1.in", "man/envconv.1")
         self.check("layouts-man", "man/envconv-layouts.7.in", "man/envconv-layouts.7")
+        self.check("metrics-man", "man/envconv-metrics.7.in", "man/envconv-metrics.7")
 
     def test_readme(self):
         self.check("readme", "README.md", "README.md")
 
     def test_manual_is_good_roff(self):
-        for page in ("man/envconv.1", "man/envconv-layouts.7"):
+        for page in ("man/envconv.1", "man/envconv-layouts.7", "man/envconv-metrics.7"):
             done = subprocess.run(["man", "--warnings", "-E", "UTF-8", "-l", "-Tutf8", "-Z", SOURCE / page],
                                   capture_output=True, text=True)
             self.assertEqual((done.returncode, done.stderr), (0, ""))
@@ -34,10 +35,16 @@ class Documents(Case):
 
     def test_every_option_is_in_the_manual_with_help(self):
         page = (SOURCE / "man/envconv.1").read_text().replace("\\-", "-")
-        for verb in ("convert", "info", "layouts"):
+        for verb in ("convert", "info", "layouts", "compare", "roundtrip", "analyze", "pattern"):
             out = self.run_tool(verb, "--help").out
             for option in re.findall(r"^  (?:-\w, )?(--[a-z-]+)", out, re.M):
                 self.assertIn(option, page)
+
+    def test_every_figure_is_in_the_manual(self):
+        page = (SOURCE / "man/envconv-metrics.7").read_text().replace('" "', " ")
+        self.run_tool("compare", PANORAMAS / "city.exr", PANORAMAS / "city.exr")
+        for figure in self.out.splitlines()[2].split()[1:]:
+            self.assertRegex(page, rf"\n\.BR? .*\b{figure}\b")
 
     def test_commands_of_the_readme_work(self):
         for folder in ("in", "out", "testdata/panoramas"):
@@ -45,7 +52,7 @@ class Documents(Case):
             shutil.copy(PANORAMAS / "venice.hdr", self.path(folder))
         shutil.copy(PANORAMAS / "venice.hdr", self.folder)
         text = (SOURCE / "README.md").read_text()
-        commands = re.findall(r"^    (?:tools/run\.sh|envconv) ((?:convert|info|layouts) .*)$", text, re.M)
+        commands = re.findall(r"^    (?:tools/run\.sh|envconv) ((?:convert|info|layouts|compare|roundtrip|analyze|pattern) .*)$", text, re.M)
         self.assertGreater(len(commands), 5)
         for command in commands:
             done = subprocess.run(["bash", "-c", f"'{BINARY}' {command}"], cwd=self.folder, capture_output=True, text=True)

@@ -26,7 +26,7 @@ cd "$work"
 "$work/prefix/bin/envconv" convert b.exr -o c.png --to latlong --size 32 -q
 "$work/prefix/bin/envconv" info c.png >"$work/info"
 grep -q 64x32 "$work/info"
-for file in share/man/man1/envconv.1 share/man/man7/envconv-layouts.7 share/bash-completion/completions/envconv \
-  share/zsh/site-functions/_envconv share/fish/vendor_completions.d/envconv.fish share/doc/envconv/LICENSE; do
+for file in share/man/man1/envconv.1 share/man/man7/envconv-layouts.7 share/man/man7/envconv-metrics.7 \
+  share/bash-completion/completions/envconv share/zsh/site-functions/_envconv share/fish/vendor_completions.d/envconv.fish share/doc/envconv/LICENSE; do
   test -s "$work/prefix/$file" || { echo "not installed: $file" >&2; exit 1; }
 done

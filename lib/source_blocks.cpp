@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "source_blocks.h"
+
+#include <algorithm>
+
+#include "assertion.h"
+
+namespace envconv {
+
+namespace {
+constexpr int abreast = 8;  // rows in prefilter_rows()
+}
+
+SourceBlocks::SourceBlocks(const Source& source, std::size_t most) : source_(&source), most_(most) {
+  static_assert(reach >= taps(Kernel::band_limited) / 2 + 1);
+  std::int32_t blocks = 0;
+  for (const SourceFace& face : source.faces()) {
+    const Grid grid{(face.size.width + side - 1) / side, (face.size.height + side - 1) / side, blocks};
+    blocks += grid.across * grid.down;
+    grids_.push_back(grid);
+  }
+  slot_of_.assign(static_cast<std::size_t>(blocks), -1);
+  slots_.reserve(std::min<std::size_t>(most, slot_of_.size()));
+}
+
+std::size_t SourceBlocks::bytes(int channels) {
+  constexpr std::size_t texels = (side + 2 * reach) * (side + 2 * reach + 2 * margin);
+  return texels * static_cast<std::size_t>(channels) * sizeof(float);
+}
+
+// A sample on the very edge may be nearest to a texel of the apron: the block inside is wide enough for it.
+std::int32_t SourceBlocks::block_of(int face, int x, int y) const {
+  const Grid& grid = grids_[static_cast<std::size_t>(face)];
+  const int apron = source_->apron();
+  const int column = std::clamp((x - apron) / side, 0, grid.across - 1);
+  const int row = std::clamp((y - apron) / side, 0, grid.down - 1);
+  return grid.first + row * grid.across + column;
+}
+
+SourceBlocks::Slot& SourceBlocks::slot_of(std::int32_t block) {
+  std::int32_t& index = slot_of_[static_cast<std::size_t>(block)];
+  if (index >= 0) return slots_[static_cast<std::size_t>(index)];
+  std::size_t free = slots_.size();
+  if (slots_.size() >= most_) {
+    // The one that was not read for the longest time, if this tile can do without it.
+    for (std::size_t i = 0; i < slots_.size(); ++i)
+      if (slots_[i].tile < tile_ && (free == slots_.size() || slots_[i].tile < slots_[free].tile)) free = i;
+  }
+  if (free == slots_.size()) {
+    slots_.emplace_back();
+  } else if (slots_[free].block >= 0) {
+    slot_of_[static_cast<std::size_t>(slots_[free].block)] = -1;
+  }
+  index = static_cast<std::int32_t>(free);
+  make(block, slots_[free]);
+  return slots_[free];
+}
+
+void SourceBlocks::make(std::int32_t block, Slot& slot) {
+  int f = 0;
+  while (static_cast<std::size_t>(f) + 1 < grids_.size() && grids_[static_cast<std::size_t>(f) + 1].first <= block) ++f;
+  const Grid& grid = grids_[static_cast<std::size_t>(f)];
+  const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
+  const int channels = source_->channels(), apron = source_->apron();
+  const int column = (block - grid.first) % grid.across * side, row = (block - grid.first) / grid.across * side;
+  const int width = std::min(side, face.size.width - column) + 2 * reach;
+  const int height = std::min(side, face.size.height - row) + 2 * reach;
+  const int wide = width + 2 * margin, high = height + 2 * margin;
+  const int x = column + apron - reach - margin, y = row + apron - reach - margin;
+  ENVCONV_ASSERT(x >= 0 && y >= 0 && x + wide <= face.columns && y + high <= face.rows);
+  if (slot.texels.empty()) {
+    // Loads reach past a window; what they find there must be numbers.
+    slot.texels = Image(side + 2 * reach + 16, side + 2 * reach + 2 * margin + abreast, channels);
+    slot.texels.fill(0);
+  }
+  slot.block = block;
+  slot.x = x + margin;
+  slot.y = y;
+  const std::size_t pitch = static_cast<std::size_t>(slot.texels.width()) * static_cast<std::size_t>(channels);
+  const std::size_t row_floats = (static_cast<std::size_t>(wide) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
+  rows_.resize(std::max(rows_.size(), abreast * row_floats));
+  work_.resize(std::max(work_.size(), static_cast<std::size_t>(wide) * 4 * abreast));
+  for (int j = 0; j < high; j += abreast) {
+    const float* in[abreast];
+    float* out[abreast];
+    for (int k = 0; k < abreast; ++k) {
+      float* to = rows_.data() + static_cast<std::size_t>(k) * row_floats;
+      source_->copy_row(f, x, y + std::min(j + k, high - 1), wide, to);
+      in[k] = to;
+      out[k] = slot.texels.data() + static_cast<std::size_t>(j + k) * pitch;
+    }
+    prefilter_rows(channels, wide, margin, in, out, work_.data());
+  }
+  prefilter_columns(width * channels, high, static_cast<std::ptrdiff_t>(pitch), slot.texels.data());
+}
+
+void SourceBlocks::make_all() {
+  most_ = slot_of_.size();
+  for (std::size_t block = 0; block < slot_of_.size(); ++block) slot_of(static_cast<std::int32_t>(block));
+}
+
+// Neighbouring samples mostly lie in one block: `find` is asked only when one does not.
+template <class Find>
+void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Find& find) const {
+  const int channels = source_->channels(), apron = source_->apron(), before = taps_before(Kernel::band_limited);
+  int left = 0, right = 0, top = 0, bottom = 0;  // of the block, in padded texels
+  float of_face = -1;
+  const float* origin = nullptr;
+  std::ptrdiff_t pitch = 0;
+  for (int i = 0; i < n; ++i) {
+    const int x = windows.x[i], y = windows.y[i];
+    if (x < left || x >= right || y < top || y >= bottom || face[i] != of_face) {
+      const Slot& slot = find(block_of(static_cast<int>(face[i]), x, y));
+      of_face = face[i];
+      left = slot.x + reach, top = slot.y + margin + reach;
+      // A sample on the very edge may be nearest to a texel of the apron.
+      right = left + side, bottom = top + side;
+      const SourceFace& f = source_->faces()[static_cast<std::size_t>(of_face)];
+      if (right >= apron + f.size.width) right = apron + f.size.width + 1;
+      if (bottom >= apron + f.size.height) bottom = apron + f.size.height + 1;
+      if (left == apron) --left;
+      if (top == apron) --top;
+      pitch = static_cast<std::ptrdiff_t>(slot.texels.width()) * channels;
+      origin = slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels;
+    }
+    ENVCONV_ASSERT(x >= left && x < right && y >= top && y < bottom);
+    windows.first[i] = origin + y * pitch + x * channels;
+    windows.pitch[i] = pitch;
+  }
+}
+
+void SourceBlocks::point(int n, const float* face, Windows& windows) {
+  point_at(n, face, windows, [&](std::int32_t block) -> const Slot& {
+    Slot& slot = slot_of(block);
+    slot.tile = tile_;
+    return slot;
+  });
+}
+
+void SourceBlocks::point(int n, const float* face, Windows& windows) const {
+  point_at(n, face, windows, [&](std::int32_t block) -> const Slot& {
+    return slots_[static_cast<std::size_t>(slot_of_[static_cast<std::size_t>(block)])];
+  });
+}
+
+}  // namespace envconv

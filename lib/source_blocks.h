@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Prefiltered texels of a source, made block by block when they are first read.
+//
+// A prefiltered copy of a whole panorama would be memory to fetch from the system and to walk through four times.  A
+// block of it fits into a core's cache: its rows are copied from the source, with a margin in which the recursions
+// forget where they began, filtered along rows and columns, and read by all samples nearby.  Every thread keeps blocks
+// of its own; what a block holds does not depend on who made it, nor when.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "image.h"
+#include "read_kernels.h"
+#include "source.h"
+
+namespace envconv {
+
+/// Blocks of one source.  Not for several threads at once, unless all blocks were made before (make_all()).
+class SourceBlocks {
+ public:
+  /// Texels that a recursion runs over before it is used: the larger pole to this power is 2e-5.
+  static constexpr int margin = 20;
+
+  /// `source` must outlive the blocks.  At most `most` blocks are kept, or as many as one tile needs.
+  SourceBlocks(const Source& source, std::size_t most);
+
+  /// Blocks that were read before may be replaced from now on.
+  void next_tile() { ++tile_; }
+
+  /// Makes all blocks; point() then changes nothing.
+  void make_all();
+
+  /// Points windows.first and .pitch at prefiltered texels, for windows of Kernel::band_limited.
+  void point(int n, const float* face, Windows& windows);
+  void point(int n, const float* face, Windows& windows) const;  ///< after make_all()
+
+  /// Bytes that one block takes.
+  static std::size_t bytes(int channels);
+
+ private:
+  static constexpr int side = 128, reach = 3;  // texels of a block, and beyond each of its sides
+  struct Grid {
+    int across = 0, down = 0;
+    std::int32_t first = 0;  // block
+  };
+  struct Slot {
+    Image texels;
+    std::int32_t block = -1;
+    std::int64_t tile = -1;  // that read it last
+    int x = 0, y = 0;        // padded texel of the first one stored
+  };
+  std::int32_t block_of(int face, int x, int y) const;
+  Slot& slot_of(std::int32_t block);
+  void make(std::int32_t block, Slot& slot);
+  template <class Find>
+  void point_at(int n, const float* face, Windows& windows, const Find& find) const;
+
+  const Source* source_;
+  std::size_t most_;
+  std::vector<Grid> grids_;            // by face
+  std::vector<std::int32_t> slot_of_;  // by block: slot, or -1
+  std::vector<Slot> slots_;
+  std::int64_t tile_ = 0;
+  std::vector<float> rows_, work_;  // of a block being made
+};
+
+}  // namespace envconv

@@ -1,0 +1,77 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Where the numbers of Kernel::band_limited come from (lib/filter.h); needs numpy.
+
+A wave exp(iwx) that is sampled at whole x and read at fraction f through taps with weights c_j(f), after a prefilter
+1/D(w), becomes sum_j c_j(f) exp(iwj) / D(w); the truth is exp(iwf).  c_j are polynomials in f, symmetric, adding up to 1
+for every f; D(w) = 1 + d1 (cos w - 1) + d2 (cos 2w - 1).  Multiplied by D the difference is linear in all unknowns, so
+they are found together by least squares, again and again with weights 1/D of the round before (Sanathanan & Koerner
+1963) and with more weight on frequencies that exceed their goal (Lawson 1961).
+"""
+import numpy as np
+
+TAPS, POLES, DEGREE = 5, 2, 6
+# The error that is wanted, in dB, over the frequency as a share of Nyquist's: low frequencies matter most in pictures.
+GOAL = ([0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0], [-108, -104, -100, -86, -72, -50, -27, -6])
+
+
+def design(frequencies=160, fractions=41, rounds=120, reweighted=60):
+    w = np.linspace(0.004, 1, frequencies) * np.pi
+    f = (np.arange(fractions) + 0.5) / fractions - 0.5
+    W, F = np.meshgrid(w, f, indexing="ij")
+    goal = 10 ** (np.interp(w / np.pi, *GOAL) / 20)
+    truth = np.exp(1j * W * F)
+    columns, sums = [], []  # of the unknowns: what they add to the wave, and to the sum of the weights at f
+    for p in range(0, DEGREE + 1, 2):  # the middle tap: even powers
+        columns.append(F**p + 0j)
+        sums.append(lambda x, p=p: x**p)
+    for j in range(1, TAPS // 2 + 1):  # tap j at f, tap -j at -f
+        for p in range(DEGREE + 1):
+            columns.append(F**p * np.exp(1j * W * j) + (-F) ** p * np.exp(-1j * W * j))
+            sums.append(lambda x, p=p: x**p + (-x) ** p)
+    taps = len(columns)
+    columns += [-truth * (np.cos(m * W) - 1) for m in range(1, POLES + 1)]
+    A = np.stack(columns, -1)
+    # Solutions whose weights add up to 1: a particular one and the null space.
+    constraint = np.array([[s(x) for s in sums] + [0] * POLES for x in np.linspace(f[0], f[-1], 3 * DEGREE)])
+    _, singular, vt = np.linalg.svd(constraint)
+    null = vt[(singular > 1e-9 * singular[0]).sum():].T
+    particular = np.linalg.lstsq(constraint, np.ones(len(constraint)), rcond=None)[0]
+    D, importance, best = np.ones_like(W), np.ones_like(w), (np.inf, None, None)
+    for k in range(rounds):
+        scale = (importance / goal)[:, None] / D
+        rows = (A * scale[..., None]).reshape(-1, A.shape[-1])
+        right = (truth * scale).reshape(-1)
+        rows, right = np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag])
+        x = particular + null @ np.linalg.lstsq(rows @ null, right - rows @ particular, rcond=1e-13)[0]
+        D = 1 + sum(d * (np.cos(m * W) - 1) for m, d in enumerate(x[taps:], 1))
+        error = np.sqrt((np.abs((A @ x - truth) / D) ** 2).mean(1))
+        D = np.maximum(D, 0.003)
+        excess = error / goal
+        if k < reweighted:
+            importance = np.clip(importance * (excess / excess.mean()) ** 0.35, 1e-4, 1e4)
+        if excess.max() < best[0]:
+            best = (excess.max(), x, error)
+    return w, best[1][:taps], best[1][taps:], best[2]
+
+
+def poles(d):
+    polynomial = np.zeros(2 * len(d) + 1)
+    polynomial[len(d)] = 1 - sum(d)
+    for m, value in enumerate(d, 1):
+        polynomial[len(d) + m] += value / 2
+        polynomial[len(d) - m] += value / 2
+    roots = np.roots(polynomial)
+    return roots[np.abs(roots) < 1]
+
+
+if __name__ == "__main__":
+    np.set_printoptions(precision=10, linewidth=120)
+    w, c, d, error = design()
+    even = DEGREE // 2 + 1
+    print("c0", c[:even])
+    print("c1", c[even:even + DEGREE + 1])
+    print("c2", c[even + DEGREE + 1:])
+    print("poles", poles(d))
+    for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        print(f"error at {share:.1f} of Nyquist's frequency: {20 * np.log10(np.interp(share * np.pi, w, error)):.1f} dB")
