@@ -360,6 +360,36 @@ Result<Ok> check_claims(const FileSpec& spec, const std::string& format, const R
   return Ok{};
 }
 
+// --- pixels --------------------------------------------------------------------------------------------------------
+
+bool drops_alpha(const PictureSpec& p, const ReadOptions& options) {
+  return options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
+}
+
+// Gives the image, which has a size, its pixels.  `spec` is the decoder's, with its colours settled.
+Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, const ReadOptions& options,
+                          Image& image) {
+  const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
+  image = Image(image.width(), image.height(), image.channels());
+  const bool drop_alpha = drops_alpha(p, options);
+  const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
+                      spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
+  const std::size_t bytes = image.pixel_count() * static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
+  std::unique_ptr<void, FreeBytes> elements;
+  void* to = image.data();
+  if (!direct) {
+    elements.reset(std::calloc(bytes, 1));
+    if (!elements) throw std::bad_alloc();
+    to = elements.get();
+  } else if (options.trust_input) {
+    // What a damaged chunk leaves out is black, not whatever was in memory.
+    std::memset(to, 0, bytes);
+  }
+  ENVCONV_CHECK(decoder.decode(number, to));
+  if (!direct) to_linear(elements.get(), p, spec, drop_alpha, image);
+  return Ok{};
+}
+
 }  // namespace
 
 Result<PictureFile> read_file(const std::string& path, const ReadOptions& options) {
@@ -413,42 +443,24 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   }
   settle_color(options, spec, file);
   for (const std::string& warning : spec.warnings) file.warnings.push_back(printable(path) + ": " + warning);
-  for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-    const PictureSpec& p = spec.pictures[i];
+  for (const PictureSpec& p : spec.pictures) {
     Picture picture;
     picture.name = p.name;
     picture.channels = p.channels;
     picture.type = p.type;
-    const bool drop_alpha = options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
-    if (drop_alpha) {
+    if (drops_alpha(p, options)) {
       picture.channels.names.erase(picture.channels.names.begin() + p.channels.alpha);
       picture.channels.alpha = -1;
     }
-    const int channels = picture.channels.count();
     const Upright upright(p, spec.orientation);
-    if (options.header_only) {
-      picture.image = Image::without_pixels(upright.width, upright.height, channels);
-    } else {
-      picture.image = Image(upright.width, upright.height, channels);
-      const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
-                          spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
-      const std::size_t bytes =
-          picture.image.pixel_count() * static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
-      std::unique_ptr<void, FreeBytes> elements;
-      void* to = picture.image.data();
-      if (!direct) {
-        elements.reset(std::calloc(bytes, 1));
-        if (!elements) throw std::bad_alloc();
-        to = elements.get();
-      } else if (options.trust_input) {
-        // What a damaged chunk leaves out is black, not whatever was in memory.
-        std::memset(to, 0, bytes);
-      }
-      const auto decoded = decoder.decode(static_cast<int>(i), to);
-      if (!decoded) return on(path, decoded.error());
-      if (!direct) to_linear(elements.get(), p, spec, drop_alpha, picture.image);
-    }
+    picture.image = Image::without_pixels(upright.width, upright.height, picture.channels.count());
     file.pictures.push_back(std::move(picture));
+  }
+  if (options.header_only) return file;
+  if (options.accept) ENVCONV_CHECK(options.accept(file));
+  for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
+    const auto decoded = decode_picture(decoder, spec, static_cast<int>(i), options, file.pictures[i].image);
+    if (!decoded) return on(path, decoded.error());
   }
   return file;
 }

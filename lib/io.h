@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <span>
 #include <string>
@@ -61,6 +62,9 @@ struct ReadOptions {
   /// The alpha channel is left out, and colour is as stored: that of EXR is what lies over black, and that of PNG,
   /// which keeps colour apart from alpha, is not multiplied by it.
   bool drop_alpha = false;
+  /// Asked, once the header is known and before there is memory for pixels, whether to go on; its error is the
+  /// result.  It may take its time.  The images have a size and no pixels.  Not asked with header_only.
+  std::function<Result<Ok>(const PictureFile& header)> accept{};
 };
 
 /// Reads one file; errors are ErrorCode::input (or limit), and name the path, what is wrong and what to do.
@@ -94,6 +98,8 @@ struct WriteOptions {
   bool cube = false;  ///< the pictures of a level are the six faces of a cube, +x -x +y -y +z -z
   int threads = 0;
   bool verify = false;  ///< read back and compare before the file takes its name
+  /// Asked, once the file is whole, whether it may take its name; an error removes it and is the result.
+  std::function<Result<Ok>()> before_commit{};
 };
 
 /// What happened to values that the format cannot hold.

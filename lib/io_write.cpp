@@ -538,6 +538,7 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     const auto verified = verify(file, levels, options, *format, report.type);
     if (!verified) return on(path, verified.error());
   }
+  if (options.before_commit) ENVCONV_CHECK(options.before_commit());
   ENVCONV_CHECK(file.commit());
   return report;
 }

@@ -16,6 +16,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <mutex>
 #include <set>
 #include <vector>
@@ -45,8 +46,19 @@ void unregister_temporary(int slot) {
   if (slot >= 0) std::free(temporaries[slot].exchange(nullptr));
 }
 
-Error output_error(const std::string& path, const std::string& what) {
-  return {ErrorCode::output, printable(path) + ": " + what};
+// A handler must find every temporary: it waits for those that are being made, and none is made any more.
+std::atomic<bool> closing{false};
+std::atomic<int> being_made{0};
+
+struct Making {
+  Making() { ++being_made; }
+  ~Making() { --being_made; }
+  Making(const Making&) = delete;
+  Making& operator=(const Making&) = delete;
+};
+
+Error output_error(const std::string& path, const std::string& what, int system = 0) {
+  return {ErrorCode::output, printable(path) + ": " + what, system};
 }
 
 std::string folder_of(const std::string& path) {
@@ -66,10 +78,11 @@ std::string random_suffix() {
   return text;
 }
 
-// Temporaries of a process that was killed.  Its lock went with it; the process id must be gone as well, since a file
-// is made before it is locked.  Done once per folder and process: a batch should not list a large folder for every
-// file.
-void remove_stale(const std::string& folder) {
+}  // namespace
+
+// The lock of a process that was killed went with it; its id must be gone as well, since a file is made before it is
+// locked.  Done once: a batch should not list a large folder for every file.
+void remove_stale_temporaries(const std::string& folder) {
   static std::mutex mutex;
   static std::set<std::string> done;
   {
@@ -92,10 +105,12 @@ void remove_stale(const std::string& folder) {
   ::closedir(dir);
 }
 
-}  // namespace
-
 void remove_temporaries() noexcept {
   const int saved = errno;
+  closing = true;
+  // Not for ever: the handler may have interrupted the very thread that is making one, which then never goes on.
+  constexpr timespec millisecond{0, 1000000};
+  for (int i = 0; i < 100 && being_made != 0; ++i) ::nanosleep(&millisecond, nullptr);
   for (auto& slot : temporaries) {
     // The string is not freed: free() is not async-signal-safe, and the process is about to end.
     if (const char* name = slot.exchange(nullptr)) ::unlink(name);
@@ -158,8 +173,10 @@ struct OutputFile::State {
   }
 
   Error failure(int code) const {
-    return output_error(path, std::string(std::strerror(code)) + " while writing " + std::to_string(size) +
-                                  " bytes (no output was left behind)");
+    return output_error(path,
+                        std::string(std::strerror(code)) + " while writing " + std::to_string(size) +
+                            " bytes (no output was left behind)",
+                        code);
   }
 };
 
@@ -196,20 +213,23 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
   }
   if (!S_ISDIR(info.st_mode)) return output_error(path, "its folder is not a folder");
   if (state->target.back() == '/') return output_error(path, "ends in a slash (give a file name)");
-  remove_stale(state->folder);
+  remove_stale_temporaries(state->folder);
+  const Making making;
+  if (closing) return output_error(path, "not written, since the process is ending");
   for (int attempt = 0; attempt < 100 && state->fd < 0; ++attempt) {
-    const std::string name = state->folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
+    std::string name = state->folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
     // Registered before it exists: a signal between the two finds nothing to remove, never a file it does not know.
     state->slot = register_temporary(name);
     state->fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (state->fd >= 0) {
-      state->temporary = name;
+      state->temporary = std::move(name);  // which cannot fail: a file whose name is not kept would stay
       break;
     }
     const int code = errno;
     unregister_temporary(state->slot);
     state->slot = -1;
-    if (code != EEXIST) return output_error(path, std::string("cannot write into its folder: ") + std::strerror(code));
+    if (code != EEXIST)
+      return output_error(path, std::string("cannot write into its folder: ") + std::strerror(code), code);
   }
   if (state->fd < 0) return output_error(path, "no free temporary name");
   ::flock(state->fd, LOCK_EX | LOCK_NB);
@@ -274,7 +294,10 @@ Result<Ok> OutputFile::commit() {
   const int closed = ::close(s.fd);
   s.fd = -1;
   if (closed != 0 && errno != EINTR) return s.failure(errno);
-  if (::rename(s.temporary.c_str(), s.target.c_str()) != 0) return output_error(s.path, std::strerror(errno));
+  if (::rename(s.temporary.c_str(), s.target.c_str()) != 0) {
+    const int code = errno;
+    return output_error(s.path, std::strerror(code), code);
+  }
   s.temporary.clear();
   unregister_temporary(s.slot);
   s.slot = -1;

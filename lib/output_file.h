@@ -11,9 +11,13 @@
 
 namespace envconv {
 
-/// Removes the temporary files that this process has open.  Async-signal-safe: a handler of SIGINT and the like may
-/// call it before the process dies.
+/// Removes the temporary files that this process has open, and makes no more.  Async-signal-safe: a handler of SIGINT
+/// and the like may call it before the process dies.
 void remove_temporaries() noexcept;
+
+/// Removes from a folder the temporaries of processes that were killed: those whose process is gone and that nobody has
+/// locked.  Once a folder and process; writing into a folder does it too.
+void remove_stale_temporaries(const std::string& folder);
 
 /// A path as it may be shown to a person: control bytes become \xNN.
 std::string printable(const std::string& text);

@@ -669,6 +669,7 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
+  if (Resampler(source, options, filter).is_copy()) return out;
   // Strips around the faces, and a copy where pixels cannot be read in place.
   const int apron = apron_width(filter.kernel) + 8;
   const bool in_place =
@@ -680,7 +681,9 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
   }
   const std::size_t blocks = filter.kernel == Kernel::band_limited ? block_memory : 0;
   const std::size_t threads = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
-  return out + (strips + copy) * 4 * sizeof(float) + threads * blocks + (std::size_t{4} << 20);
+  // Highlights, of which there may be many.
+  const std::size_t rest = filter.limited ? source.texel_count() : 0;
+  return out + (strips + copy) * 4 * sizeof(float) + rest + threads * blocks + (std::size_t{4} << 20);
 }
 
 }  // namespace envconv

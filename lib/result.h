@@ -22,7 +22,8 @@ enum class ErrorCode {
 /// One line for a person: `FILE: what is wrong (what to do)`, without the program's name and without a newline.
 struct Error {
   ErrorCode code = ErrorCode::internal;
-  std::string message;
+  std::string message{};
+  int system = 0;  ///< errno of the system call that failed, or 0
 };
 
 /// Nothing, successfully.

@@ -4,25 +4,38 @@ find_package(Python3 REQUIRED COMPONENTS Interpreter)
 # Leaks are looked for in the test programs: in the tool, whose threads end with it, the search itself crashes at times.
 set(tool_options ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=0 ENVCONV_SANITIZE=${sanitizers})
 
+# Faults on order, for LD_PRELOAD.
+add_library(inject MODULE tests/inject.cpp)
+target_compile_options(inject PRIVATE -fno-builtin)  # else a call of malloc in malloc may be "optimised"
+target_link_libraries(inject PRIVATE ${CMAKE_DL_LIBS})
+
 set(cli_tests
   analyze
   batch
+  cluster
   color
   compare
   convert
+  corpus
   documents
+  faults
   info
+  memory
   mips
   pattern
   report
   safety
+  signals
   usage)
 foreach(test IN LISTS cli_tests)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
   set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
-    "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};${tool_options}")
+    "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};ENVCONV_INJECTOR=$<TARGET_FILE:inject>;${tool_options}")
 endforeach()
+
+# Daemons of a cluster of one node: ctest -LE cluster leaves them out.
+set_tests_properties(cli_cluster PROPERTIES LABELS "cli;cluster")
 
 # Against other programs, which must be there.
 add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/oracle_test.py)

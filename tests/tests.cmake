@@ -39,6 +39,7 @@ endforeach()
 foreach(test IN ITEMS discrepancy_test pattern_test)
   target_link_libraries(${test} PRIVATE TBB::tbb)  # chooses the number of threads
 endforeach()
+
 # Chooses SIMD targets, so it talks to Highway itself.
 envconv_test(simd_test LIBRARIES hwy::hwy)
 
@@ -46,10 +47,16 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
 
+# The scheduler of the tool, alone.
+envconv_test(batch_test LIBRARIES TBB::tbb)
+target_sources(batch_test PRIVATE tools/batch.cpp)
+target_include_directories(batch_test PRIVATE tools)
+
 # Its own search runs on every SIMD target; the image library and Mesa decode what it encodes.
 find_library(EGL EGL REQUIRED)
 envconv_test(bc6h_test LIBRARIES hwy::hwy)
 envconv_test(bc6h_oracle_test LIBRARIES PkgConfig::OIIO ${EGL})
+
 # DevIL reads DDS files of the older kind.
 find_library(DEVIL IL REQUIRED)
 envconv_test(devil_oracle_test LABELS oracle LIBRARIES ${DEVIL})

@@ -1,19 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // envconv convert: read any layout, resample, write any layout.
-#include <unistd.h>
-
-#include <chrono>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "convert.h"
-#include "progress.h"
 #include "text.h"
 
 namespace envconv::tool {
 namespace {
-
-using nlohmann::ordered_json;
 
 Option size_option(int& target) {
   Option option = integer_option("--size", "N", target, least_size, largest_size,
@@ -71,6 +64,26 @@ Option nonfinite_option(Nonfinite& target) {
   return option;
 }
 
+Option shard_option(int& shard, int& shards) {
+  Option option{.names = "--shard",
+                .value = "I/N",
+                .help =
+                    "take every N-th input, starting from the I-th; the N shards of a batch share its inputs and write "
+                    "what the batch as a whole would"};
+  option.set = [&shard, &shards](const std::string& text) {
+    const std::size_t slash = text.find('/');
+    const auto i = parse_integer(std::string_view(text).substr(0, slash));
+    const auto n = slash == std::string::npos ? std::nullopt : parse_integer(std::string_view(text).substr(slash + 1));
+    if (!i || !n || *i < 1 || *n < 1 || *i > *n || *n > 1000000000) {
+      return "'" + text + "' is not I/N with whole numbers, I from 1 to N";
+    }
+    shard = static_cast<int>(*i);
+    shards = static_cast<int>(*n);
+    return std::string();
+  };
+  return option;
+}
+
 void add_options(Command& command, ConvertOptions& o) {
   auto add = [&](std::string group, Option option, std::string initial = "") {
     command.options.push_back(in_group(std::move(option), std::move(group), std::move(initial)));
@@ -106,139 +119,26 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Pixels", exposure_option(o.exposure), "0");
   add_color_options(command, o.color, "Colour");
   add("Pixels", nonfinite_option(o.nonfinite), "repair");
-  add("Batch",
-      switch_option("-n,--skip-existing", o.skip_existing, "leave outputs that exist and can be read to their end"));
+  add("Batch", text_option("--files-from", "FILE", o.files_from,
+                           "read names of inputs from FILE, one a line; - is standard input"));
+  add("Batch", switch_option("-0,--null", o.null_separated, "the names of --files-from end with a zero byte each"));
+  add("Batch", shard_option(o.shard, o.shards));
+  add("Batch", switch_option("-n,--skip-existing", o.skip_existing,
+                             "leave outputs that exist, can be read to their end, are no older than their input, and "
+                             "are of the layout, packing and frame asked for"));
   add("Batch",
       switch_option("--keep-going", o.keep_going, "go on after a file that failed; the exit status is then 7"));
-  add("Batch", switch_option("--dry-run", o.dry_run, "read headers only, and print what would be done"));
-  add("General", switch_option("--json", o.json, "one JSON object on one line of stdout for each input"));
+  add("Batch", switch_option("--dry-run", o.dry_run,
+                             "read headers only, and print what would be done and how much memory it would take"));
+  add("General",
+      count_option("--memory", "SIZE", o.memory, std::int64_t{1} << 50,
+                   "bytes that may be held at one time: 1500M, 4G; an input that needs more is refused"),
+      "three quarters of what is available");
+  add("General", switch_option("--json", o.json,
+                               "one JSON object on one line of stdout for each input, and for a batch a last one"));
   add("General", choice_option("--progress", "WHEN", o.progress, {"auto", "always", "never"}, "progress bar on stderr"),
       "auto: on a terminal");
   add_general_options(command, o.threads);
-}
-
-// What is known of a job, done or planned.
-ordered_json json_of(const ConvertPlan& plan, const Job& job, const Shape* shape) {
-  ordered_json json{{"input", job.input.name}, {"output", job.output}, {"files", job.paths}};
-  json["layout"] = plan.options.layout->name();
-  json["packing"] = plan.options.packing->name;
-  json["frame"] = plan.options.frame->name;
-  if (!shape || !shape->source.layout) return json;
-  json["size"] = shape->height;
-  ordered_json faces = ordered_json::array();
-  for (std::size_t i = 0; i < shape->faces.size(); ++i) {
-    faces.push_back({{"name", plan.options.layout->info().faces[i].name},
-                     {"width", shape->faces[i].width},
-                     {"height", shape->faces[i].height}});
-  }
-  json["faces"] = faces;
-  json["levels"] = shape->levels;
-  json["seam"] = text_of(plan.options.levels.seam);
-  json["source"] = {{"layout", shape->source.layout->name()},
-                    {"packing", shape->source.packing->name},
-                    {"frame", shape->source.frame->name},
-                    {"size", shape->source.height},
-                    {"width", shape->image.width},
-                    {"height", shape->image.height},
-                    {"channels", shape->channels},
-                    {"colorspace", shape->color.text},
-                    {"how", shape->source.how}};
-  return json;
-}
-
-void print_json(const ordered_json& json) {
-  print(json.dump(-1, ' ', false, ordered_json::error_handler_t::replace) + "\n");
-}
-
-std::string sentence(const ConvertPlan& plan, const Job& job, const Shape& shape) {
-  return job.input.name + ": " + std::string(shape.source.layout->name()) + " " + std::to_string(shape.image.width) +
-         "x" + std::to_string(shape.image.height) + ", " + shape.source.how + ", " + shape.color.text + ", to " +
-         std::string(plan.options.layout->name()) + ", " + std::to_string(shape.faces.size()) +
-         (shape.faces.size() == 1 ? " face" : " faces") + " of " + std::to_string(shape.faces.front().width) + "x" +
-         std::to_string(shape.faces.front().height) +
-         (shape.levels > 1 ? ", " + std::to_string(shape.levels) + " levels" : "") + ", as " +
-         std::string(plan.options.packing->name) + ": " + job.output;
-}
-
-int print_plan(const ConvertPlan& plan) {
-  int failed = 0, status = 0;
-  for (const Job& job : plan.jobs) {
-    const Result<Shape> shape = job.error ? Result<Shape>(*job.error) : read_shape(plan, job);
-    if (!shape) {
-      status = fail(shape.error());
-      ++failed;
-    }
-    if (plan.options.json) {
-      ordered_json json = json_of(plan, job, shape ? &*shape : nullptr);
-      json["dry_run"] = true;
-      if (shape) json["peak_bytes"] = shape->peak_bytes;
-      json["error"] = shape ? ordered_json() : ordered_json(shape.error().message);
-      print_json(json);
-    } else if (shape) {
-      print(visible(sentence(plan, job, *shape)) + "; " + number_text(static_cast<double>(shape->peak_bytes) / 1e6, 3) +
-            " MB of pixels\n");
-    }
-    if (failed && !plan.options.keep_going) break;
-  }
-  return failed && plan.options.keep_going && plan.jobs.size() > 1 ? 7 : status;
-}
-
-int run_plan(const ConvertPlan& plan) {
-  const ConvertOptions& o = plan.options;
-  const bool bar = o.progress == "always" || (o.progress == "auto" && verbosity() >= 0 && isatty(STDERR_FILENO));
-  Progress progress(bar, static_cast<int>(plan.jobs.size()));
-  int status = 0, failed = 0, skipped = 0;
-  for (std::size_t i = 0; i < plan.jobs.size(); ++i) {
-    const Job& job = plan.jobs[i];
-    const auto start = std::chrono::steady_clock::now();
-    const Result<Outcome> outcome = run_job(
-        plan, job, [&](double texels) { progress.begin(job.input.name, static_cast<int>(i), texels); },
-        [&](double share) {
-          progress.update(share);
-          return true;
-        });
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    progress.hide();
-    if (outcome) {
-      for (const std::string& warning : outcome->warnings) warn(job.input.name, warning);
-      if (outcome->skipped) {
-        ++skipped;
-        remark(job.input.name + ": skipped, since " + job.output + " exists");
-      } else {
-        remark(sentence(plan, job, outcome->shape) + ", " + std::string(name_of(outcome->type)) + ", " +
-               number_text(seconds, 3) + " s");
-      }
-    } else {
-      status = fail(outcome.error());
-      ++failed;
-    }
-    if (o.json) {
-      ordered_json json = json_of(plan, job, outcome ? &outcome->shape : nullptr);
-      if (outcome) {
-        if (outcome->skipped) {
-          json["skipped"] = true;
-        } else {
-          json["type"] = name_of(outcome->type);
-          json["colorspace"] = outcome->color.empty() ? ordered_json() : ordered_json(outcome->color);
-          if (outcome->seam) json["seam_error"] = {{"largest", outcome->seam->error}, {"level", outcome->seam->level}};
-        }
-      }
-      json["seconds"] = seconds;
-      json["warnings"] = outcome ? outcome->warnings : std::vector<std::string>{};
-      json["error"] = outcome ? ordered_json() : ordered_json(outcome.error().message);
-      if (!outcome) json["status"] = static_cast<int>(outcome.error().code);
-      print_json(json);
-    }
-    if (failed && !o.keep_going) break;
-  }
-  if (plan.jobs.size() > 1 && verbosity() >= 0 && (failed || verbosity() > 0)) {
-    const std::size_t done = plan.jobs.size() - static_cast<std::size_t>(failed + skipped);
-    if (o.keep_going || !failed) {
-      complain(std::to_string(plan.jobs.size()) + " inputs: " + std::to_string(done) + " converted, " +
-               std::to_string(skipped) + " skipped, " + std::to_string(failed) + " failed");
-    }
-  }
-  return failed && o.keep_going && plan.jobs.size() > 1 ? 7 : status;
 }
 
 }  // namespace
@@ -248,18 +148,19 @@ Command convert_command() {
   Command command{.name = "convert",
                   .summary = "read any layout, resample, write any layout",
                   .operands = "INPUT...",
-                  .min_operands = 1,
                   .description =
                       "Reads each INPUT, resamples it and writes it as --output says.  An INPUT with {face} "
                       "in its name stands for one file per face: 'sky_{face}.exr'.  Several inputs make a "
-                      "batch, which needs a template or a folder as its output.  The layout of an input is "
-                      "recognised from its metadata, its container or its proportions.",
+                      "batch, which needs a template or a folder as its output; its files are converted side by side "
+                      "and reported in their order.  The layout of an input is recognised from its metadata, its "
+                      "container or its proportions.",
                   .reads_files = true};
   add_options(command, *options);
-  command.run = [options](const std::vector<std::string>& inputs) {
-    const Result<ConvertPlan> plan = make_plan(*options, inputs);
-    if (!plan) return fail(plan.error());
-    return options->dry_run ? print_plan(*plan) : run_plan(*plan);
+  command.run = [options](const std::vector<std::string>& named) {
+    const Result<std::vector<std::string>> inputs = all_inputs(*options, named);
+    if (!inputs) return fail(inputs.error());
+    const Result<ConvertPlan> plan = make_plan(*options, *inputs);
+    return plan ? run_plan(*plan) : fail(plan.error());
   };
   return command;
 }

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "batch.h"
 #include "color_options.h"
 #include "convert_levels.h"
 #include "input.h"
@@ -43,6 +44,10 @@ struct ConvertOptions {
   double exposure = 0;
   Nonfinite nonfinite = Nonfinite::repair;
   int threads = 0;
+  std::int64_t memory = 0;      ///< bytes; 0: three quarters of what is available
+  std::string files_from;       ///< a file with names of inputs, "-" for standard input; "": none
+  bool null_separated = false;  ///< its names end with a zero byte, not with a line
+  int shard = 1, shards = 1;    ///< every shards-th input from the shard-th on
   bool skip_existing = false, keep_going = false, dry_run = false, json = false;
   std::string progress = "auto";
 };
@@ -50,6 +55,7 @@ struct ConvertOptions {
 /// One input and its outputs.
 struct Job {
   Input input;
+  int index = 0;                   ///< in the whole batch, of which a shard takes a part
   std::string output;              ///< as it is named in messages: for face files with {face} left in
   std::vector<std::string> paths;  ///< files to write: one, or one per face, for each level that has files of its own
   bool file_a_level = false;       ///< {mip} is in their names
@@ -58,10 +64,14 @@ struct Job {
 
 /// What will be done.
 struct ConvertPlan {
-  ConvertOptions options;  ///< with layout, packing and frame filled in
+  ConvertOptions options;  ///< with layout, packing, frame, threads and memory filled in
   ColorPlan color;
-  std::vector<Job> jobs;
+  std::vector<Job> jobs;  ///< of the shard
+  bool is_batch = false;  ///< what was asked for is a batch, if only of one input
 };
+
+/// The inputs that were named one by one, then those of --files-from, whatever the shard.
+Result<std::vector<std::string>> all_inputs(const ConvertOptions& options, std::vector<std::string> named);
 
 /// Makes the plan and checks all of it.
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs);
@@ -78,7 +88,8 @@ struct Shape {
   int height = 0;  ///< of the output's face 0
   std::vector<Size> faces;
   int levels = 1;
-  std::size_t peak_bytes = 0;  ///< of pixels, held at one time
+  std::size_t source_bytes = 0, result_bytes = 0;  ///< of pixels, as floats
+  std::size_t peak_memory = 0;  ///< bytes that the process will hold at most, this file being its only one
 };
 /// Where a job's levels go.
 LevelPlace level_place(const ConvertPlan& plan, const Job& job);
@@ -91,6 +102,12 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
 /// The same from the file's header alone.
 Result<Shape> read_shape(const ConvertPlan& plan, const Job& job);
 
+/// Bytes of the process at its highest while it converts such a file: that of reading, resampling or writing.
+std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape& shape, const PictureFile& file);
+
+/// An error, of ErrorCode::limit, when that is more than --memory allows.
+Result<Ok> check_memory(const ConvertPlan& plan, const Job& job, const Shape& shape);
+
 /// What was done.
 struct Outcome {
   Shape shape;
@@ -99,6 +116,7 @@ struct Outcome {
   PixelType type = PixelType::half;
   std::string color;  ///< colour space of the output, or ""
   std::vector<std::string> warnings;
+  double read_seconds = 0, resample_seconds = 0, write_seconds = 0;  ///< without waiting for cores or memory
 };
 
 /// How the outputs are written: with metadata that record `rotation`, and without --type as the format's nearest to
@@ -106,12 +124,14 @@ struct Outcome {
 WriteOptions write_options(const ConvertPlan& plan, const Job& job, const Shape& shape, const Rotation& rotation,
                            PixelType source_type);
 /// Packs an environment's levels and writes them as planned.  Sets the outcome's type, and adds to its warnings.
-Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write,
-                       std::vector<EnvImage> levels, Outcome& outcome);
+Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, std::vector<EnvImage> levels,
+                       Outcome& outcome);
 
-/// Converts one input.  `progress` is as in ResampleOptions; `begin` is called with the number of texels when the work
-/// proper starts.
-Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
-                        const std::function<bool(double)>& progress);
+/// Converts one input, in its turn.  The error of a job that is not wanted any more is `cancelled`.
+Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, Batch::Turn& turn);
+extern const Error cancelled;
+
+/// Converts all of them, or with --dry-run says what would be done; gives back the exit status.
+int run_plan(const ConvertPlan& plan);
 
 }  // namespace envconv::tool

@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fcntl.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <map>
-#include <set>
+#include <thread>
 
 #include "analyze.h"
 #include "convert.h"
+#include "memory.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -36,6 +41,11 @@ bool writes_containers(const ConvertOptions& o, const std::vector<std::string>& 
 Result<Ok> fill_in(ConvertOptions& o, const std::vector<std::string>& inputs) {
   if (!o.layout) o.layout = find_layout("cube");
   if (!o.frame) o.frame = find_frame("world");
+  // More than there are cores gain nothing; but that results do not depend on them can be seen on small machines too.
+  constexpr int always = 8;
+  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  o.threads = o.threads == 0 ? cores : std::min(o.threads, std::max(cores, always));
+  if (o.memory == 0) o.memory = static_cast<std::int64_t>(available_memory() / 4 * 3);
   if (o.size && o.texels) return usage("--size and --texels: only one of them can be given");
   if (!o.packing) {
     // A name for every face asks for a file for every face.
@@ -81,18 +91,43 @@ Result<OutputName> parse_output(const ConvertOptions& o, std::size_t inputs) {
   return name;
 }
 
-// The job's output names.  {size} may need the input's header.
-Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, int index, Job& job) {
+// The folder below which a template's outputs must lie: what comes before the first field, or with {dir} at its
+// beginning the input's own folder.
+std::string base_of(const OutputName& name, NameFields fields) {
+  const std::string text = name.expand_beginning(fields);
+  const std::size_t slash = text.rfind('/');
+  return slash == std::string::npos ? "." : slash == 0 ? "/" : text.substr(0, slash);
+}
+
+// A name that came with an input must not lead the output elsewhere: "...exr" has the stem "..", and a folder may be a
+// link.
+Result<Ok> check_below(const std::string& path, const std::string& base) {
+  const fs::path folder = fs::path(path).parent_path();
+  const std::string text = folder.empty() ? "." : folder.string();
+  if (text == base) return Ok{};
+  const fs::path inner = canonical(text), outer = canonical(base);
+  const auto [end, rest] = std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end());
+  const bool below = end == outer.end() || (std::next(end) == outer.end() && end->empty());
+  if (below) return Ok{};
+  return usage(path + ": would lie outside of " + base + ", by way of the input's name or of a link (choose another " +
+               "--output)");
+}
+
+// The job's output names.  {size} may need the input's header, which is read for a job of the shard only: what that
+// finds wrong is the job's own error.
+Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, bool may_read, Job& job) {
   const ConvertOptions& o = plan.options;
   NameFields fields = fields_of_input(job.input.name);
   fields.layout = o.layout->name();
-  fields.index = index;
+  fields.index = job.index;
   fields.size = o.size ? o.size : o.texels ? height_for_texels(*o.layout, o.texels) : 0;
   job.file_a_level = name.uses("mip");
   if ((name.uses("size") || job.file_a_level) && fields.size == 0) {
+    if (!may_read) return Ok{};
     ENVCONV_TRY(const Shape shape, read_shape(plan, job));
     fields.size = shape.height;
   }
+  const std::string base = base_of(name, fields);
   const int levels = job.file_a_level ? levels_to_make(o.levels, level_place(plan, job), fields.size) : 1;
   const int files = o.packing->name == "files" ? o.layout->face_count() : 1;
   for (fields.mip = 0; fields.mip < levels; ++fields.mip) {
@@ -100,6 +135,7 @@ Result<Ok> name_outputs(const ConvertPlan& plan, const OutputName& name, int ind
       fields.face = o.layout->info().faces[static_cast<std::size_t>(face)].name;
       fields.face_index = face;
       job.paths.push_back(name.expand(fields));
+      ENVCONV_CHECK(check_below(job.paths.back(), base));
     }
   }
   fields.face = "{face}";
@@ -118,7 +154,8 @@ Result<Ok> check_place(const std::string& path, const std::map<FileId, std::stri
     }
     if (S_ISDIR(status.st_mode)) return usage(path + ": is a folder (end its name with '/' to write into it)");
     if (!S_ISREG(status.st_mode)) return usage(path + ": is not a regular file (choose another output)");
-    return Ok{};
+  } else if (lstat(path.c_str(), &status) == 0) {
+    return usage(path + ": is a symbolic link that leads nowhere (remove it first)");
   }
   const fs::path parent = fs::path(path).parent_path();
   const std::string folder = parent.empty() ? "." : parent.string();
@@ -128,33 +165,78 @@ Result<Ok> check_place(const std::string& path, const std::map<FileId, std::stri
   }
   if (!S_ISDIR(status.st_mode))
     return Error{ErrorCode::output, path + ": cannot be written: " + folder + " is no folder"};
+  if (access(folder.c_str(), W_OK | X_OK) != 0) {
+    return Error{ErrorCode::output, path + ": cannot be written: folder " + folder + ": " + std::strerror(errno)};
+  }
   return Ok{};
 }
 
-Result<Ok> check_outputs(const ConvertPlan& plan) {
+// True when the folder's file system takes "A" and "a" for one name: found out with a file of our own.
+bool folds_case(const std::string& folder) {
+  const std::string lower = folder + "/.envconv-" + std::to_string(getpid()) + "-ca5ef01d0000.tmp";
+  const std::string upper = folder + "/.ENVCONV-" + std::to_string(getpid()) + "-CA5EF01D0000.TMP";
+  const int fd = open(lower.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (fd < 0) return false;
+  close(fd);
+  const bool folds = access(upper.c_str(), F_OK) == 0;
+  unlink(lower.c_str());
+  return folds;
+}
+
+// Who writes what.  Names that differ in case only are one name on some file systems.
+class Writers {
+ public:
+  Result<Ok> add(const std::string& path, const std::string& input) {
+    const std::string whole = canonical(path);
+    std::string folded = whole;
+    for (char& c : folded) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    const auto [other, is_new] = names_.emplace(std::move(folded), Writer{whole, input});
+    if (is_new) return Ok{};
+    if (other->second.path != whole) {
+      const std::string folder = fs::path(whole).parent_path();
+      const auto known = folds_.find(folder);
+      const bool folds = known != folds_.end() ? known->second : (folds_[folder] = folds_case(folder));
+      if (!folds) return Ok{};
+    }
+    return usage(path + ": would be written twice, for " + other->second.input + " and for " + input +
+                 " (use {dir}, {index} or {face} in --output to tell them apart)");
+  }
+
+ private:
+  struct Writer {
+    std::string path, input;
+  };
+  std::map<std::string, Writer> names_;  // by name in lower case
+  std::map<std::string, bool> folds_;    // by folder
+};
+
+// Of all jobs, those of other shards too, so that every shard of a batch finds the same; but where outputs are to be
+// written is the shard's own business.
+Result<Ok> check_outputs(const ConvertPlan& plan, const std::vector<Job>& others) {
   std::map<FileId, std::string> inputs;
-  for (const Job& job : plan.jobs) {
-    for (const std::string& path : job.input.paths) {
-      struct stat status;
-      if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = path;
+  for (const auto* jobs : {&plan.jobs, &others}) {
+    for (const Job& job : *jobs) {
+      for (const std::string& path : job.input.paths) {
+        struct stat status;
+        if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = path;
+      }
     }
   }
-  std::map<std::string, std::string> writers;
+  Writers writers;
   const ConvertOptions& o = plan.options;
   // Of sizes that are not known yet it is only certain that there are levels.
   const int unknown = 2;
   for (const Job& job : plan.jobs) {
     if (job.error) continue;
     for (const std::string& path : job.paths) {
-      const auto [other, is_new] = writers.emplace(canonical(path), job.input.name);
-      if (!is_new) {
-        return usage(path + ": would be written twice, for " + other->second + " and for " + job.input.name +
-                     " (use {dir}, {index} or {face} in --output to tell them apart)");
-      }
+      ENVCONV_CHECK(writers.add(path, job.input.name));
       ENVCONV_CHECK(check_place(path, inputs));
       ENVCONV_CHECK(
           can_write(path, o.write, pictures_of(plan), 3, levels_in_file(plan, job, o.size ? o.size : unknown)));
     }
+  }
+  for (const Job& job : others) {
+    for (const std::string& path : job.paths) ENVCONV_CHECK(writers.add(path, job.input.name));
   }
   return Ok{};
 }
@@ -174,27 +256,63 @@ int levels_in_file(const ConvertPlan& plan, const Job& job, int height) {
   return job.file_a_level ? 1 : levels_to_make(plan.options.levels, level_place(plan, job), height);
 }
 
+Result<std::vector<std::string>> all_inputs(const ConvertOptions& o, std::vector<std::string> named) {
+  if (o.files_from.empty()) {
+    if (o.null_separated) return usage("--null: is for the names of --files-from");
+    if (named.empty()) return usage("convert: INPUT... is missing (see 'envconv convert --help')");
+    return named;
+  }
+  const std::string shown = o.files_from == "-" ? "standard input" : o.files_from;
+  const int fd = o.files_from == "-" ? STDIN_FILENO : open(o.files_from.c_str(), O_RDONLY | O_CLOEXEC);
+  std::string text;
+  ssize_t n = fd < 0 ? -1 : 1;
+  while (n > 0 || (n < 0 && fd >= 0 && errno == EINTR)) {
+    char piece[65536];
+    n = read(fd, piece, sizeof piece);
+    if (n > 0) text.append(piece, static_cast<std::size_t>(n));
+  }
+  const int code = errno;
+  if (fd > STDIN_FILENO) close(fd);
+  if (n < 0) return Error{ErrorCode::input, shown + ": cannot be read: " + std::strerror(code)};
+  // Names are taken as they are: no comments, no quotes, and spaces belong to them.
+  const char end = o.null_separated ? '\0' : '\n';
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t stop = std::min(text.find(end, at), text.size());
+    if (stop > at) named.push_back(text.substr(at, stop - at));
+    at = stop + 1;
+  }
+  if (!o.null_separated && text.find('\0') != std::string::npos) {
+    return usage("--files-from: " + shown + " holds zero bytes (-0 reads names that end with them)");
+  }
+  return named;
+}
+
 Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::string>& inputs) {
   ENVCONV_CHECK(fill_in(options, inputs));
   ENVCONV_TRY(const OutputName name, parse_output(options, inputs.size()));
-  ConvertPlan plan{std::move(options), {}, {}};
+  const bool is_batch = inputs.size() != 1 || !options.files_from.empty() || options.shards > 1;
+  ConvertPlan plan{std::move(options), {}, {}, is_batch};
   std::vector<std::string> first_files;
   for (const std::string& name : inputs) {
     first_files.push_back(input_named(name, plan.options.input.hints).paths.front());
   }
   ENVCONV_TRY(plan.color, plan_color(plan.options.color, first_files));
+  std::vector<Job> others;
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     Job job;
     job.input = input_named(inputs[i], plan.options.input.hints);
-    Result<Ok> good = check_readable(job.input);
-    if (good) good = name_outputs(plan, name, static_cast<int>(i), job);
+    job.index = static_cast<int>(i);
+    const bool ours = job.index % plan.options.shards == plan.options.shard - 1;
+    Result<Ok> good = ours ? check_readable(job.input) : Ok{};
+    if (good) good = name_outputs(plan, name, ours, job);
     if (!good) {
-      if (!plan.options.keep_going || inputs.size() == 1) return good.error();
+      const bool tolerable = good.error().code == ErrorCode::input || good.error().code == ErrorCode::limit;
+      if (!plan.options.keep_going || inputs.size() == 1 || !tolerable) return good.error();
       job.error = good.error();
     }
-    plan.jobs.push_back(std::move(job));
+    (ours ? plan.jobs : others).push_back(std::move(job));
   }
-  ENVCONV_CHECK(check_outputs(plan));
+  ENVCONV_CHECK(check_outputs(plan, others));
   return plan;
 }
 
@@ -205,9 +323,9 @@ Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name)
   plan.options = std::move(options);
   Job job;
   job.input.name = name;
-  ENVCONV_CHECK(name_outputs(plan, output, 0, job));
+  ENVCONV_CHECK(name_outputs(plan, output, false, job));
   plan.jobs.push_back(std::move(job));
-  ENVCONV_CHECK(check_outputs(plan));
+  ENVCONV_CHECK(check_outputs(plan, {}));
   return plan;
 }
 
@@ -244,10 +362,9 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
   for (const std::string& path : job.paths) {
     ENVCONV_CHECK(can_write(path, o.write, pictures_of(plan), shape.channels, in_file));
   }
-  // The source as read and as faces; then its faces, the result and the result packed.
-  const std::size_t result = texels * static_cast<std::size_t>(shape.channels);
-  shape.peak_bytes = sizeof(float) * (source_values + std::max(source_values, 2 * result)) +
-                     level_bytes(o.levels, place, shape.height, shape.channels);
+  shape.source_bytes = sizeof(float) * source_values;
+  shape.result_bytes = sizeof(float) * texels * static_cast<std::size_t>(shape.channels);
+  shape.peak_memory = predicted_peak(plan, job, shape, file);
   return shape;
 }
 

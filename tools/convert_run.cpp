@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <new>
+#include <utility>
 
 #include "convert.h"
 #include "pixels.h"
@@ -42,14 +44,37 @@ Result<T> named(const Job& job, Result<T> result) {
                job.input.name + ": " + result.error().message};
 }
 
-// True when every output of the job is there and can be read to its end.
-bool is_complete(const ConvertPlan& plan, const Job& job) {
+// When a file was last written; nothing when it is not there.
+std::optional<std::filesystem::file_time_type> time_of(const std::string& path) {
+  std::error_code error;
+  const auto time = std::filesystem::last_write_time(path, error);
+  return error ? std::nullopt : std::optional(time);
+}
+
+// True when what a file says of itself is what would be written.
+bool is_as_planned(const ConvertOptions& o, const PictureFile& file) {
+  const Metadata planned = metadata_of(*o.layout, *o.packing, *o.frame, {});
+  for (const char* name : {"envconv:layout", "envconv:packing", "envconv:frame"}) {
+    const auto found = file.metadata.find(name);
+    if (found != file.metadata.end() && found->second != planned.at(name)) return false;
+  }
+  return true;
+}
+
+// True when every output of the job is there, no older than the input, can be read to its end, and is of the layout
+// that is asked for.
+bool is_up_to_date(const ConvertPlan& plan, const Job& job) {
+  ReadOptions read = plan.options.input.read;
+  read.level = 0;
   for (const std::string& path : job.paths) {
-    std::error_code error;
-    if (!std::filesystem::exists(path, error)) return false;
-    ReadOptions read = plan.options.input.read;
-    read.level = 0;  // of the output, whichever is taken of the input
-    if (!read_pictures(path, read)) return false;
+    const auto written = time_of(path);
+    if (!written) return false;
+    for (const std::string& input : job.input.paths) {
+      const auto changed = time_of(input);
+      if (changed && *changed > *written) return false;
+    }
+    const Result<PictureFile> file = read_pictures(path, read);
+    if (!file || !is_as_planned(plan.options, *file)) return false;
   }
   return true;
 }
@@ -166,76 +191,175 @@ Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptio
 
 namespace {
 
-Result<Outcome> convert(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
-                        const std::function<bool(double)>& progress) {
-  const ConvertOptions& o = plan.options;
-  Outcome outcome;
-  if (o.skip_existing && is_complete(plan, job)) {
-    outcome.skipped = true;
-    return outcome;
-  }
-  ReadOptions read = with_color(o.input.read, plan.color, job.input.paths.front());
-  read.threads = o.threads;
-  ENVCONV_TRY(PictureFile file, read_input(job.input, read));
-  if (file.pictures.empty()) return Error{ErrorCode::input, job.input.name + ": holds no picture"};
-  ENVCONV_TRY(outcome.shape, shape_of(plan, job, file));
-  outcome.warnings = file.warnings;
-  const Recognition& source = outcome.shape.source;
-  outcome.warnings.insert(outcome.warnings.end(), source.warnings.begin(), source.warnings.end());
-  const PixelType source_type = file.pictures.front().type;
-
-  const SourceColor& color = outcome.shape.color;
-  ENVCONV_TRY(EnvImage image, to_environment(std::move(file), source));
-  ENVCONV_CHECK(treat_nonfinite(plan, job, image, outcome.warnings));
-  ENVCONV_CHECK(named(job, to_working(plan.color, color, image.channels, image.faces)));
-  change_values(o, image);
-  WriteOptions write = write_options(plan, job, outcome.shape, composed(source.rotation, o.rotation), source_type);
-  const float peak = wants_peak(plan.color, source_type, write.type) ? largest_color(image) : 0;
-  const OutputColor output = output_color(plan.color, image.channels, write.type, peak);
-  if (output.is_preview) {
-    outcome.warnings.push_back("values up to " + number_text(static_cast<double>(peak), 6) + " are shown through " +
-                               view_text(*output.view) + " (--view none clips them)");
+// Seconds since the last call, or since it was made.
+class StopWatch {
+ public:
+  double lap() {
+    const Clock::time_point before = std::exchange(last_, Clock::now());
+    return std::chrono::duration<double>(last_ - before).count();
   }
 
-  ResampleOptions resample_options;
-  resample_options.layout = o.layout;
-  resample_options.height = outcome.shape.height;
-  resample_options.placement = placement_for(*o.layout, o.levels.seam);
-  resample_options.consumer_from_world = o.frame->consumer_from_world;
-  resample_options.rotation = o.rotation;
-  resample_options.filter = o.filter;
-  resample_options.samples = o.samples;
-  resample_options.threads = o.threads;
-  resample_options.progress = progress;
-  begin(static_cast<double>(texel_count(*o.layout, outcome.shape.height)));
-  ENVCONV_TRY(EnvImage result, named(job, resample(image, resample_options)));
-  image = {};
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point last_ = Clock::now();
+};
 
-  // Levels are means of linear light: colours are encoded after them.
-  ENVCONV_TRY(std::vector<EnvImage> levels,
-              named(job, make_levels(o.levels, level_place(plan, job), std::move(result), o.threads)));
-  if (o.levels.max_seam) outcome.seam = worst_seam(o.levels, levels);
-  for (EnvImage& level : levels) ENVCONV_CHECK(named(job, to_output(plan.color, output, color, level, write)));
-  outcome.color = write.color.space;
-  ENVCONV_CHECK(write_files(plan, job, write, std::move(levels), outcome));
-  if (outcome.seam && outcome.seam->error > *o.levels.max_seam) {
-    return Error{ErrorCode::threshold,
-                 job.output + ": the largest seam error is " + number_text(outcome.seam->error, 4) + ", at level " +
-                     std::to_string(outcome.seam->level) + ", above --max-seam " + number_text(*o.levels.max_seam, 9)};
+// One job between its stages.
+class Conversion {
+ public:
+  Conversion(const ConvertPlan& plan, const Job& job, Batch::Turn& turn)
+      : plan_(plan), o_(plan.options), job_(job), turn_(turn) {}
+
+  // Bytes that were thought to suffice; 0 before that was known.
+  std::size_t needed() const { return reserved_; }
+
+  Result<Outcome> run() {
+    if (o_.skip_existing && is_up_to_date(plan_, job_)) {
+      outcome_.skipped = true;
+      return outcome_;
+    }
+    ENVCONV_CHECK(read());
+    if (turn_.cancelled()) return cancelled;
+    ENVCONV_CHECK(change_layout());
+    if (turn_.cancelled()) return cancelled;
+    ENVCONV_CHECK(write());
+    return judged();
   }
-  return outcome;
-}
+
+ private:
+  // Memory is reserved as soon as the header tells how much, before there are any pixels.
+  Result<Ok> reserve(const PictureFile& header) {
+    ENVCONV_TRY(outcome_.shape, shape_of(plan_, job_, header));
+    ENVCONV_CHECK(check_memory(plan_, job_, outcome_.shape));
+    const std::size_t needed = outcome_.shape.peak_memory;
+    watch_.lap();
+    if (!turn_.reserve(needed)) return cancelled;
+    reserved_ = needed;
+    waited_ += watch_.lap();
+    return Ok{};
+  }
+
+  Result<Ok> read() {
+    StopWatch whole;
+    ReadOptions read = with_color(o_.input.read, plan_.color, job_.input.paths.front());
+    read.threads = turn_.threads();
+    if (job_.input.layout) {  // the shape takes all of the input's files
+      read.header_only = true;
+      ENVCONV_TRY(const PictureFile header, read_input(job_.input, read));
+      ENVCONV_CHECK(reserve(header));
+      read.header_only = false;
+    } else {
+      read.accept = [this](const PictureFile& header) { return reserve(header); };
+    }
+    ENVCONV_TRY(PictureFile file, read_input(job_.input, read));
+    if (file.pictures.empty()) return Error{ErrorCode::input, job_.input.name + ": holds no picture"};
+    outcome_.warnings = file.warnings;
+    const Recognition& source = outcome_.shape.source;
+    outcome_.warnings.insert(outcome_.warnings.end(), source.warnings.begin(), source.warnings.end());
+    const PixelType source_type = file.pictures.front().type;
+    ENVCONV_TRY(image_, to_environment(std::move(file), source));
+    ENVCONV_CHECK(treat_nonfinite(plan_, job_, image_, outcome_.warnings));
+    ENVCONV_CHECK(named(job_, to_working(plan_.color, outcome_.shape.color, image_.channels, image_.faces)));
+    change_values(o_, image_);
+    write_ = write_options(plan_, job_, outcome_.shape, composed(source.rotation, o_.rotation), source_type);
+    const float peak = wants_peak(plan_.color, source_type, write_.type) ? largest_color(image_) : 0;
+    output_ = output_color(plan_.color, image_.channels, write_.type, peak);
+    if (output_.is_preview) {
+      outcome_.warnings.push_back("values up to " + number_text(static_cast<double>(peak), 6) + " are shown through " +
+                                  view_text(*output_.view) + " (--view none clips them)");
+    }
+    outcome_.read_seconds = whole.lap() - waited_;
+    return Ok{};
+  }
+
+  Result<Ok> change_layout() {
+    ResampleOptions options;
+    options.layout = o_.layout;
+    options.height = outcome_.shape.height;
+    options.placement = placement_for(*o_.layout, o_.levels.seam);
+    options.consumer_from_world = o_.frame->consumer_from_world;
+    options.rotation = o_.rotation;
+    options.filter = o_.filter;
+    options.samples = o_.samples;
+    const std::int64_t texels = texel_count(*o_.layout, outcome_.shape.height);
+    options.progress = [this, texels](double share) {
+      turn_.advance(share, static_cast<double>(texels));
+      return !turn_.cancelled();
+    };
+    options.threads = turn_.take_cores(texels + static_cast<std::int64_t>(image_.texel_count()));
+    watch_.lap();
+    Result<EnvImage> result = named(job_, resample(image_, options));
+    outcome_.resample_seconds = watch_.lap();
+    turn_.release_cores();
+    if (!result) return turn_.cancelled() ? cancelled : result.error();
+    turn_.advance(1, static_cast<double>(texels));
+    image_ = std::move(*result);
+    return Ok{};
+  }
+
+  Result<Ok> write() {
+    watch_.lap();
+    waited_ = 0;
+    write_.before_commit = [this]() -> Result<Ok> {
+      StopWatch waiting;
+      const bool wanted = turn_.may_commit();
+      waited_ += waiting.lap();
+      return wanted ? Result<Ok>(Ok{}) : cancelled;
+    };
+    // Levels are means of linear light: colours are encoded after them.
+    ENVCONV_TRY(std::vector<EnvImage> levels,
+                named(job_, make_levels(o_.levels, level_place(plan_, job_), std::move(image_), turn_.threads())));
+    if (o_.levels.max_seam) outcome_.seam = worst_seam(o_.levels, levels);
+    for (EnvImage& level : levels) {
+      ENVCONV_CHECK(named(job_, to_output(plan_.color, output_, outcome_.shape.color, level, write_)));
+    }
+    outcome_.color = write_.color.space;
+    ENVCONV_CHECK(write_files(plan_, job_, write_, std::move(levels), outcome_));
+    outcome_.write_seconds = watch_.lap() - waited_;
+    return Ok{};
+  }
+
+  // The outcome, or the threshold that it fails.
+  Result<Outcome> judged() const {
+    if (!outcome_.seam || outcome_.seam->error <= *o_.levels.max_seam) return outcome_;
+    return Error{ErrorCode::threshold, job_.output + ": the largest seam error is " +
+                                           number_text(outcome_.seam->error, 4) + ", at level " +
+                                           std::to_string(outcome_.seam->level) + ", above --max-seam " +
+                                           number_text(*o_.levels.max_seam, 9)};
+  }
+
+  const ConvertPlan& plan_;
+  const ConvertOptions& o_;
+  const Job& job_;
+  Batch::Turn& turn_;
+  Outcome outcome_;
+  EnvImage image_;  // the source, then the result
+  WriteOptions write_;
+  OutputColor output_;
+  std::size_t reserved_ = 0;
+  StopWatch watch_;
+  double waited_ = 0;
+};
 
 }  // namespace
 
-Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, const std::function<void(double)>& begin,
-                        const std::function<bool(double)>& progress) {
+const Error cancelled{ErrorCode::output, ""};
+
+Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, Batch::Turn& turn) {
   if (job.error) return *job.error;
+  Conversion conversion(plan, job, turn);
+  Result<Outcome> outcome = cancelled;
   try {
-    return convert(plan, job, begin, progress);
+    outcome = conversion.run();
   } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::limit, job.input.name + ": not enough memory (choose a smaller --size)"};
+    outcome = Error{ErrorCode::limit, job.input.name + ": not enough memory"};
   }
+  const std::size_t needed = conversion.needed();
+  if (!outcome && outcome.error().code == ErrorCode::limit && needed > 0) {
+    return Error{ErrorCode::limit, outcome.error().message + "; about " + megabytes(needed) +
+                                       " are needed (a smaller --size needs less)"};
+  }
+  return outcome;
 }
 
 }  // namespace envconv::tool

@@ -4,40 +4,18 @@
 #include <hwy/targets.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <exception>
+#include <new>
+#include <string_view>
 
 #include "command.h"
 #include "generate.h"
+#include "interrupt.h"
 #include "io.h"
-#include "output_file.h"
 #include "text.h"
 
 namespace envconv::tool {
 namespace {
-
-// Unfinished outputs go, then the signal does what it would have done.
-void on_signal(int signal_number) {
-  remove_temporaries();
-  struct sigaction plain = {};
-  plain.sa_handler = SIG_DFL;
-  sigaction(signal_number, &plain, nullptr);
-  raise(signal_number);  // delivered when the handler returns, which unblocks it
-}
-
-void watch_signals() {
-  struct sigaction action = {};
-  action.sa_handler = on_signal;
-  sigemptyset(&action.sa_mask);
-  for (const int signal_number : {SIGINT, SIGTERM, SIGHUP}) {
-    struct sigaction old = {};
-    sigaction(signal_number, nullptr, &old);
-    // What the caller had us ignore (nohup, say) stays ignored.
-    if (old.sa_handler != SIG_IGN) sigaction(signal_number, &action, nullptr);
-  }
-  // A reader of our output that goes away must not kill us in the middle of a file; write() says EPIPE instead.
-  std::signal(SIGPIPE, SIG_IGN);
-}
 
 // A file opened later must not get the number of a standard stream that the caller closed.
 void hold_standard_streams() {
@@ -102,12 +80,37 @@ int run(std::vector<std::string> words) {
   return command->run(invocation->operands);
 }
 
+// A line on stderr that takes no memory.
+void last_words(std::string_view line) {
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line.data(), line.size());
+}
+
+int out_of_memory() {
+  last_words("envconv: not enough memory\n");
+  return static_cast<int>(ErrorCode::limit);
+}
+
+// An exception in a place that none may leave: a library's thread that runs out of memory, for one.
+[[noreturn]] void on_terminate() {
+  remove_unfinished();
+  int status = static_cast<int>(ErrorCode::internal);
+  try {
+    if (std::current_exception()) throw;
+  } catch (const std::bad_alloc&) {
+    status = out_of_memory();
+  } catch (...) {
+  }
+  if (status == static_cast<int>(ErrorCode::internal)) last_words("envconv: a bug in envconv, or no memory to go on\n");
+  _exit(status);
+}
+
 }  // namespace
 }  // namespace envconv::tool
 
 int main(int argc, char** argv) {
   using namespace envconv::tool;
   hold_standard_streams();
+  std::set_terminate(on_terminate);
   std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
   try {
     const Command* command = words.empty() ? nullptr : find_command(words.front());
@@ -115,6 +118,8 @@ int main(int argc, char** argv) {
     if (command && command->reads_files) envconv::start_isolated_reader();
     watch_signals();
     return finish_output(run(std::move(words)));
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
   } catch (const std::exception& error) {
     complain(std::string("a bug in envconv: ") + error.what());
   } catch (...) {

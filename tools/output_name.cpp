@@ -77,6 +77,16 @@ std::string OutputName::expand(const NameFields& fields) const {
   return out;
 }
 
+std::string OutputName::expand_beginning(const NameFields& fields) const {
+  std::string out;
+  for (std::size_t i = 0; i < pieces_.size(); ++i) {
+    const bool begins_with_dir = i == 0 && pieces_[i].is_field && pieces_[i].text == "dir";
+    if (pieces_[i].is_field && !begins_with_dir) break;
+    out += begins_with_dir ? fields.dir : pieces_[i].text;
+  }
+  return out;
+}
+
 NameFields fields_of_input(std::string_view path) {
   NameFields fields;
   const std::size_t slash = path.rfind('/');

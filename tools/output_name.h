@@ -28,6 +28,8 @@ class OutputName {
   /// True when the name has no field at all.
   bool fixed() const;
   std::string expand(const NameFields& fields) const;
+  /// What comes before the first field; {dir} at the very beginning is no field of that sort.
+  std::string expand_beginning(const NameFields& fields) const;
 
  private:
   struct Piece {

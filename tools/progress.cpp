@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <string>
+
+#include "text.h"
 
 namespace envconv::tool {
 namespace {
@@ -13,61 +15,44 @@ namespace {
 constexpr auto interval = std::chrono::milliseconds(100);
 constexpr int bar_width = 24;
 
-double seconds(std::chrono::steady_clock::duration d) { return std::chrono::duration<double>(d).count(); }
-
 void put(const std::string& text) {
   if (write(STDERR_FILENO, text.data(), text.size()) < 0) return;  // a bar that cannot be drawn is not missed
 }
 
+// "4:05", "1:02:03"
+std::string time_text(double seconds) {
+  const long all = std::lround(seconds), minutes = all / 60 % 60;
+  const auto two = [](long n) { return (n < 10 ? "0" : "") + std::to_string(n); };
+  if (all >= 3600) return std::to_string(all / 3600) + ":" + two(minutes) + ":" + two(all % 60);
+  return std::to_string(minutes) + ":" + two(all % 60);
+}
+
 }  // namespace
 
-Progress::Progress(bool shown, int total) : shown_(shown), total_(total), started_(Clock::now()) {}
+Progress::Progress(bool shown, int total) : shown_(shown), total_(total), started_(Clock::now()), next_(started_) {}
 Progress::~Progress() { hide(); }
 
-void Progress::begin(const std::string& name, int number, double texels) {
-  const std::lock_guard lock(mutex_);
-  name_ = name.substr(name.rfind('/') + 1).substr(0, 24);
-  // Control characters in a file's name would move the cursor.
-  for (char& c : name_) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  }
-  number_ = number;
-  texels_ = texels;
-  file_started_ = Clock::now();
-}
-
-void Progress::update(double share) {
-  if (!shown_) return;
+void Progress::update(const Count& count) {
   const Clock::time_point now = Clock::now();
-  if (now.time_since_epoch().count() < next_draw_.load(std::memory_order_relaxed)) return;
-  const std::unique_lock lock(mutex_, std::try_to_lock);
-  if (!lock.owns_lock()) return;  // another thread draws
-  next_draw_.store((now + interval).time_since_epoch().count(), std::memory_order_relaxed);
-  draw(std::clamp(share, 0.0, 1.0));
+  if (!shown_ || total_ == 0 || now < next_) return;
+  next_ = now + interval;
+  draw(count, now);
 }
 
-void Progress::draw(double share) {
-  const double done = (number_ + share) / total_;
-  const double elapsed = seconds(Clock::now() - started_);
-  const int full = static_cast<int>(done * bar_width);
-  std::string bar(static_cast<std::size_t>(full), '#');
+void Progress::draw(const Count& count, Clock::time_point now) {
+  const int ended = count.converted + count.failed + count.skipped;
+  const double share = std::clamp((ended + count.running) / total_, 0.0, 1.0);
+  const double elapsed = std::chrono::duration<double>(now - started_).count();
+  std::string bar(static_cast<std::size_t>(share * bar_width), '#');
   bar.resize(bar_width, '.');
-
-  char text[160];
-  std::snprintf(text, sizeof text, "\r[%s] %3.0f%%", bar.c_str(), 100 * done);
-  std::string line = text;
-  if (total_ > 1) line += " " + std::to_string(number_ + 1) + "/" + std::to_string(total_);
-  const double file_elapsed = seconds(Clock::now() - file_started_);
-  if (file_elapsed > 0 && share > 0) {
-    std::snprintf(text, sizeof text, " %.1f Mtexel/s", 1e-6 * share * texels_ / file_elapsed);
-    line += text;
-  }
-  if (done > 0.02 && elapsed > 1) {
-    const long left = std::lround(elapsed * (1 - done) / done);
-    std::snprintf(text, sizeof text, " %ld:%02ld left", left / 60, left % 60);
-    line += text;
-  }
-  line += " " + name_;
+  std::string line = "\r[" + bar + "] " + std::to_string(static_cast<int>(100 * share)) + "%";
+  if (total_ > 1) line += " " + std::to_string(count.converted) + " of " + std::to_string(total_);
+  if (count.failed > 0) line += ", " + std::to_string(count.failed) + " failed";
+  if (count.skipped > 0) line += ", " + std::to_string(count.skipped) + " skipped";
+  if (count.texels > 0 && elapsed > 0) line += ", " + number_text(1e-6 * count.texels / elapsed, 3) + " Mtexel/s";
+  // What was skipped took no time to speak of, so it tells nothing of the rest.
+  const double work = share - static_cast<double>(count.skipped) / total_;
+  if (work > 0.01 && elapsed > 1) line += ", " + time_text(elapsed * (1 - share) / work) + " left";
   put(line + "\x1b[K");
   drawn_ = true;
 }
@@ -76,6 +61,7 @@ void Progress::hide() {
   if (!drawn_) return;
   put("\r\x1b[K");
   drawn_ = false;
+  next_ = {};
 }
 
 }  // namespace envconv::tool

@@ -2,39 +2,37 @@
 // A progress bar on stderr.
 #pragma once
 
-#include <atomic>
 #include <chrono>
-#include <mutex>
-#include <string>
 
 namespace envconv::tool {
 
-/// One bar for a whole batch.  update() may be called from any thread.
+/// One bar for a whole batch, drawn by one thread.
 class Progress {
  public:
+  /// How far a batch is.
+  struct Count {
+    int converted = 0, failed = 0, skipped = 0;  ///< files that have ended
+    double running = 0;                          ///< shares, 0 to 1 each, of those in work, added up
+    double texels = 0;                           ///< of outputs, done
+  };
+
   /// A bar that shows nothing unless `shown`; `total` files.
   Progress(bool shown, int total);
   ~Progress();
-  /// Begins the file of that number (from 0), whose output has so many texels.
-  void begin(const std::string& name, int number, double texels);
-  /// Share of the current file that is done, 0 to 1.
-  void update(double share);
+  /// Draws the bar, unless it was drawn a moment ago.
+  void update(const Count& count);
   /// Takes the bar away, so that a message can be printed; the next update brings it back.
   void hide();
 
  private:
   using Clock = std::chrono::steady_clock;
-  void draw(double share);
+  void draw(const Count& count, Clock::time_point now);
 
   const bool shown_;
   const int total_;
-  std::mutex mutex_;
-  std::string name_;
-  int number_ = 0;
-  double texels_ = 0;
   bool drawn_ = false;
-  Clock::time_point started_, file_started_;
-  std::atomic<Clock::rep> next_draw_{0};
+  const Clock::time_point started_;
+  Clock::time_point next_;
 };
 
 }  // namespace envconv::tool

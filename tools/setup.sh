@@ -6,7 +6,8 @@ build="g++ cmake ninja-build pkg-config libopenimageio-dev libopenexr-dev libope
        libhwy-dev nlohmann-json3-dev libzstd-dev libdeflate-dev zlib1g-dev"
 # Other people's readers and writers, a browser for reports, and the shells whose completions are tried out.
 test="libgtest-dev openexr openimageio-tools ffmpeg libchealpix-dev chromium python3 man-db zsh fish locales python3-pil
-      libegl-dev libgl-dev libgl1-mesa-dri libnvtt-bin zstd libepoxy-dev libegl1 libdevil-dev"
+      libegl-dev libgl-dev libgl1-mesa-dri libnvtt-bin zstd libepoxy-dev libegl1 libdevil-dev
+      parallel slurm-wlm munge"
 
 wanted=$build
 if [ "${1:-build}" = test ]; then wanted="$build $test"; fi

@@ -112,6 +112,8 @@ std::string number_text(double value, int digits) {
   return std::string(text, end);
 }
 
+std::string megabytes(std::size_t bytes) { return std::to_string((bytes + 999999) / 1000000) + " MB"; }
+
 std::string joined(std::span<const std::string_view> words, std::string_view separator) {
   std::string out;
   for (const std::string_view word : words) {

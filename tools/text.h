@@ -43,6 +43,9 @@ std::optional<std::int64_t> parse_count(std::string_view text);
 /// At most `digits` significant digits, without trailing zeros.
 std::string number_text(double value, int digits);
 
+/// "1234 MB": 10^6 bytes, rounded up.
+std::string megabytes(std::size_t bytes);
+
 /// "a, b, c".
 std::string joined(std::span<const std::string_view> words, std::string_view separator = ", ");
 /// " (did you mean 'cube'?)" when a name is near, else "".

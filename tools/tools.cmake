@@ -12,12 +12,34 @@ foreach(line IN LISTS lines)
 endforeach()
 
 add_executable(envconv
-  tools/envconv.cpp tools/commands.cpp tools/parse.cpp tools/text.cpp tools/options.cpp tools/color_options.cpp tools/input.cpp
-  tools/output_name.cpp tools/svg.cpp tools/pixels.cpp tools/progress.cpp tools/convert_levels.cpp tools/convert_plan.cpp tools/convert_run.cpp
-  tools/describe.cpp tools/error_picture.cpp tools/figures.cpp tools/generate.cpp tools/png.cpp tools/report.cpp
+  tools/batch.cpp
+  tools/color_options.cpp
+  tools/commands.cpp
+  tools/convert_batch.cpp
+  tools/convert_levels.cpp
+  tools/convert_memory.cpp
+  tools/convert_plan.cpp
+  tools/convert_run.cpp
+  tools/describe.cpp
+  tools/envconv.cpp
+  tools/error_picture.cpp
+  tools/figures.cpp
+  tools/generate.cpp
+  tools/input.cpp
+  tools/interrupt.cpp
+  tools/memory.cpp
+  tools/options.cpp
+  tools/output_name.cpp
+  tools/parse.cpp
+  tools/pixels.cpp
+  tools/png.cpp
+  tools/progress.cpp
+  tools/report.cpp
+  tools/svg.cpp
+  tools/text.cpp
   ${command_sources})
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
-target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy ZLIB::ZLIB)
+target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb ZLIB::ZLIB)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
   "ENVCONV_VERSION=\"${PROJECT_VERSION}\";ENVCONV_OPENEXR_VERSION=\"${OPENEXR_VERSION}\";ENVCONV_OIIO_VERSION=\"${OIIO_VERSION}\";ENVCONV_OCIO_VERSION=\"${OCIO_VERSION}\"")
 # The module is needed at run time, not at link time.

@@ -407,7 +407,7 @@ class DryRun(Case):
         plan = self.json("convert", "in.exr", "-o", "sky_{face}_{size}.exr", "--dry-run")
         self.assertEqual(plan["source"]["layout"], "latlong")
         self.assertEqual(plan["files"][0], f"sky_px_{plan['size']}.exr")
-        self.assertGreater(plan["peak_bytes"], 64 * 32 * 3 * 4)
+        self.assertGreater(plan["peak_memory"], 64 * 32 * 3 * 4)
         self.assertEqual(self.files(), ["in.exr"])
 
 

@@ -32,7 +32,8 @@ class Case(unittest.TestCase):
     def run_tool(self, *words, expect=0, **options):
         """Runs envconv; the exit status must be `expect`."""
         options.setdefault("timeout", 120)
-        done = subprocess.run([BINARY, *map(str, words)], cwd=self.folder, capture_output=True, **options)
+        options.setdefault("cwd", self.folder)
+        done = subprocess.run([BINARY, *map(str, words)], capture_output=True, **options)
         out, err = done.stdout.decode(), done.stderr.decode(errors="replace")
         self.assertEqual(done.returncode, expect, f"{words}\nstdout: {out}\nstderr: {err}")
         for line in err.splitlines():

@@ -17,10 +17,6 @@ class Usage(Case):
         self.run_tool("convert", "a.exr", "-o", "b.exr", "--filtr=box", expect=2).says("--filtr", "'--filter'")
         self.run_tool("--versoin", expect=2).says("'--version'")
 
-    def test_options_of_later_stages_are_not_taken_in_silence(self):
-        for option in ("--memory=4G", "--shard=1/2"):
-            self.run_tool("convert", "a.exr", "-o", "b.exr", option, expect=2).says(option.split("=")[0])
-
     def test_unknown_layout_names_the_nearest(self):
         self.run_tool("convert", "a.exr", "-o", "b.exr", "--to", "octahedrl", expect=2).says("'octahedral'")
         self.run_tool("convert", "a.exr", "-o", "b.exr", "--from", "latlng", expect=2).says("'latlong'")

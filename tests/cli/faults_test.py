@@ -1,0 +1,375 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults injected one by one, and a list of forty things that go wrong in the world with the tests of each."""
+import errno
+import importlib
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import unittest
+
+from harness import BINARY, PANORAMAS, SANITIZED, SOURCE, Case, read_exr, write_constant, write_exr
+
+INJECTOR = os.path.abspath(os.environ["ENVCONV_INJECTOR"])
+
+# Tests are MODULE.CLASS.TEST of this folder, or PROGRAM:SUITE.TEST of the C++ tests.
+SCENARIOS = {
+    1: ("truncated", ["corpus_test.Corpus.test_truncated", "io_test:Io.TruncatedFilesAreErrors"]),
+    2: ("huge claims", ["corpus_test.Corpus.test_claims", "io_test:Io.HugeClaimsAreRefusedAtOnce"]),
+    3: ("bombs", ["corpus_test.Corpus.test_bombs", "convert_test.Failures.test_too_many_pixels"]),
+    4: ("no pixels", ["corpus_test.Corpus.test_empty"]),
+    5: ("NaN and infinity", ["convert_test.Nonfinite.test_error", "convert_test.Nonfinite.test_zero_and_clamp"]),
+    6: ("negative values", ["faults_test.Values.test_negative_values"]),
+    7: ("what half and RGBE cannot hold", ["faults_test.Values.test_extremes", "convert_test.Formats.test_half_overflow_is_counted"]),
+    8: ("wrong aspect", ["convert_test.Failures.test_not_what_it_was_said_to_be"]),
+    9: ("envmap contradicts", ["faults_test.Values.test_envmap_that_cannot_be"]),
+    10: ("channels", ["io_test:Io.ExrChannels"]),
+    11: ("deep", ["io_test:Io.ExrKindsThatAreRefused"]),
+    12: ("parts", ["io_test:Io.MultiPartKeepsNamesAndSizes", "convert_test.Pixels.test_parts"]),
+    13: ("windows", ["io_test:Io.ExrWindows"]),
+    14: ("luma and chroma", ["io_test:Io.ExrKindsThatAreRefused"]),
+    15: ("disk full", ["faults_test.Disks.test_every_format", "faults_test.Disks.test_every_write",
+                       "faults_test.Disks.test_a_disk_that_stays_full_ends_the_batch", "io_test:Io.AFullDiskLeavesTheOldContent"]),
+    16: ("folder missing or read-only", ["convert_test.Failures.test_output_folder_missing_or_odd",
+                                         "faults_test.Disks.test_a_read_only_folder"]),
+    17: ("output is input", ["convert_test.Failures.test_output_is_the_input"]),
+    18: ("odd outputs", ["faults_test.Files.test_outputs_that_are_no_files", "io_test:Io.OutputsThatAreNotFiles"]),
+    19: ("odd inputs", ["convert_test.Failures.test_not_a_regular_file"]),
+    20: ("interrupts", ["signals_test.Signals.test_interrupted_batches_say_how_far_they_came",
+                        "signals_test.Signals.test_at_any_point", "signals_test.Signals.test_a_second_signal_ends_it_at_once"]),
+    21: ("sudden death", ["signals_test.Signals.test_killed_twenty_times_and_resumed"]),
+    22: ("memory limits", ["memory_test.Memory.test_a_limit_on_the_address_space",
+                           "memory_test.Memory.test_what_would_not_fit_is_refused_before_the_pixels"]),
+    23: ("allocations fail", ["faults_test.Allocations.test_any_allocation_may_fail"]),
+    24: ("calls fail", ["faults_test.Disks.test_every_format", "faults_test.Disks.test_reads_that_fail"]),
+    25: ("closed pipe", ["convert_test.Streams.test_a_reader_that_goes_away", "faults_test.Files.test_info_into_a_closed_pipe"]),
+    26: ("/dev/full", ["convert_test.Streams.test_full_disk_behind_stdout"]),
+    27: ("one bad file of many", ["faults_test.Files.test_one_bad_file_of_many"]),
+    28: ("one output for two", ["batch_test.Batch.test_collisions_are_found_before_any_work",
+                                "batch_test.Batch.test_names_that_differ_in_case_only_are_two_here"]),
+    29: ("two batches", ["signals_test.Signals.test_batches_share_a_folder"]),
+    30: ("resuming", ["batch_test.Batch.test_skip_existing", "batch_test.Batch.test_skipping_looks_at_age_and_kind"]),
+    31: ("comma locale", ["convert_test.Streams.test_comma_locale", "faults_test.Files.test_a_locale_changes_no_byte"]),
+    32: ("names", ["faults_test.Files.test_names", "convert_test.Streams.test_names_are_taken_literally"]),
+    33: ("paths out of templates", ["batch_test.Batch.test_stems_that_would_leave_the_folder"]),
+    34: ("odd sizes", ["usage_test.Usage.test_sizes_out_of_range_name_the_limit"]),
+    35: ("broken OpenColorIO configuration", ["faults_test.Files.test_a_broken_color_configuration"]),
+    36: ("metadata attacks", ["corpus_test.Corpus.test_metadata", "io_test:Io.AReaderThatDiesIsAnError"]),
+    37: ("not an image", ["io_test:Io.WhatIsNotAPictureIsNamed", "convert_test.Failures.test_not_an_image"]),
+    38: ("late errors", ["corpus_test.Corpus.test_late"]),
+    39: ("verification", ["faults_test.Disks.test_verification", "io_test:Io.VerificationFindsDamage"]),
+    40: ("stack", ["memory_test.Memory.test_a_small_stack_is_enough"]),
+}
+
+
+def formats():
+    """Extensions of all formats that can be written, as the tool lists them."""
+    err = subprocess.run([BINARY, "convert", str(PANORAMAS / "city.exr"), "-o", "a.none"], capture_output=True).stderr
+    return re.search(rb"can be written: ([a-z0-9 ]+)", err)[1].decode().split()
+
+
+class Scenarios(Case):
+    def test_all_forty_have_tests(self):
+        self.assertEqual(sorted(SCENARIOS), list(range(1, 41)))
+        for number, (_, tests) in SCENARIOS.items():
+            self.assertTrue(tests, number)
+            for test in tests:
+                if ":" in test:
+                    program, name = test.split(":")
+                    suite, case = name.split(".")
+                    text = (SOURCE / "tests" / f"{program}.cpp").read_text()
+                    self.assertRegex(text, rf"TEST(_F|_P)?\({suite}, {case}\)", (number, test))
+                else:
+                    module, case, name = test.split(".")
+                    found = globals() if module == "faults_test" else vars(importlib.import_module(module))
+                    self.assertTrue(hasattr(found.get(case), name), (number, test))
+
+
+class Injected(Case):
+    def run_injected(self, order, *words, expect=None, **environment):
+        """Exit status and what was said; `expect` is a collection of statuses."""
+        env = {**os.environ, "LD_PRELOAD": INJECTOR, "ENVCONV_INJECT": order, "ENVCONV_INJECT_LOG": str(self.path(".log")),
+               **environment}
+        done = subprocess.run([BINARY, "convert", *map(str, words)], cwd=self.folder, capture_output=True, timeout=60,
+                              env=env)
+        self.out, self.err = done.stdout.decode(), done.stderr.decode(errors="replace")
+        log = self.path(".log")
+        self.calls = int(log.read_text() or 0) if log.exists() else 0
+        if log.exists():
+            log.unlink()
+        if expect is not None:
+            self.assertIn(done.returncode, expect, (order, words, self.err))
+        for line in self.err.splitlines():
+            self.assertTrue(line.startswith("envconv: "), (order, words, line))
+        return done.returncode
+
+
+@unittest.skipIf(SANITIZED, "a sanitizer wants to be loaded first")
+class Disks(Injected):
+    def options_of(self, kind):
+        """Ways to write a format: without levels, and with where it has them."""
+        plain = ("in.exr", "-o", f"out.{kind}", "--size", 32, "-q")
+        yield plain
+        done = subprocess.run([BINARY, "convert", *map(str, plain), "--mips", "--dry-run"], cwd=self.folder,
+                              capture_output=True)
+        if done.returncode == 0:
+            yield (*plain, "--mips")
+
+    def check_failed(self, order, words, said, expect=(4,)):
+        output = self.path(words[2])
+        output.write_bytes(b"old")
+        before = self.files()
+        self.run_injected(order, *words, expect=expect)
+        self.assertIn(words[2] + ": ", self.err, order)
+        self.assertIn(said, self.err, order)
+        self.assertEqual(output.read_bytes(), b"old", order)
+        self.assertEqual(self.files(), before, order)
+
+    def test_every_format(self):
+        write_exr(self.path("in.exr"), 32, 16, lambda x, y: (x / 32, y / 16, 0.5))
+        full, broken = os.strerror(errno.ENOSPC), os.strerror(errno.EIO)
+        for kind in formats():
+            if kind == "pgm":
+                continue  # one channel; pnm is the same writer
+            for words in self.options_of(kind):
+                self.run_injected("write:0:0", *words, expect=(0,))
+                writes = self.calls
+                self.assertGreater(writes, 0, kind)
+                self.check_failed(f"write:1:{errno.ENOSPC}:from", words, full)
+                self.check_failed(f"write:{writes}:{errno.EIO}", words, broken)
+                self.check_failed(f"fsync:1:{errno.ENOSPC}", words, full)
+                self.check_failed(f"close:1:{errno.EIO}", words, broken)
+                self.check_failed(f"rename:1:{errno.EIO}", words, broken)
+
+    def test_every_write(self):
+        # Large enough for many writes of its bands.
+        write_exr(self.path("in.exr"), 32, 16, lambda x, y: ((x * 7 + y * 11) % 13, x * y % 17, y))
+        for kind, size in (("exr", 300), ("hdr", 600), ("pfm", 200), ("tif", 300)):
+            words = ("in.exr", "-o", f"out.{kind}", "--size", size, "-q")
+            if kind in ("exr", "tif"):
+                words += ("--compression", "none")
+            self.run_injected("write:0:0", *words, expect=(0,))
+            self.assertGreater(self.calls, 1, kind)
+            for n in sorted({1, 2, self.calls // 2, self.calls - 1, self.calls} - {0}):
+                self.check_failed(f"write:{n}:{errno.ENOSPC}:from", words, os.strerror(errno.ENOSPC))
+
+    def test_files_of_faces(self):
+        write_constant(self.path("in.exr"))
+        # The third of six: the two before it are whole and stay.
+        self.run_injected(f"rename:3:{errno.ENOSPC}", "in.exr", "-o", "{face}.exr", "--size", 8, expect=(4,))
+        self.assertIn("py.exr: ", self.err)
+        self.assertEqual(self.files(), ["in.exr", "nx.exr", "px.exr"])
+
+    def test_a_read_only_folder(self):
+        # Seen before the input is read, which is damaged.
+        self.path("in.exr").write_bytes(b"damaged")
+        done = subprocess.run(["unshare", "--mount", "sh", "-c",
+                               'mount -t tmpfs -o ro none out && exec "$@"', "sh", BINARY, "convert", "in.exr", "-o",
+                               "out/x.exr"], cwd=self.folder, capture_output=True) if self.path("out").mkdir() is None else None
+        if b"unshare" in done.stderr or b"mount" in done.stderr:
+            # No right to mount; the call that would find out is there in any case.
+            write_constant(self.path("in.exr"))
+            self.run_injected(f"open:1:{errno.EROFS}", "in.exr", "-o", "out/x.exr", expect=(4,))
+            self.assertIn(os.strerror(errno.EROFS), self.err)
+            return
+        self.assertEqual(done.returncode, 4, done.stderr)
+        self.assertIn(b"Read-only file system", done.stderr)
+
+    def test_a_disk_that_stays_full_ends_the_batch(self):
+        self.path("out").mkdir()
+        names = [f"{i}.exr" for i in range(8)]
+        for name in names:
+            write_constant(self.path(name))
+        self.run_injected(f"write:1:{errno.ENOSPC}:from", *names, "-o", "out/", "--size", 4, "--keep-going", "--json",
+                          "-j", 1, expect=(7,))
+        summary = json.loads(self.out.splitlines()[-1])["summary"]
+        self.assertEqual((summary["failed"], summary["not_done"]), (3, 5))
+        self.assertIn("the disk is full", self.err)
+        # One that is full now and then is none.
+        self.run_injected(f"fsync:2:{errno.ENOSPC}", *names, "-o", "out/", "--size", 4, "--keep-going", "--json", expect=(7,))
+        summary = json.loads(self.out.splitlines()[-1])["summary"]
+        self.assertEqual((summary["failed"], summary["converted"]), (1, 7))
+
+    def test_reads_that_fail(self):
+        for kind in ("exr", "hdr", "png", "tif", "jpg"):
+            write_constant(self.path("in.exr"), 0.5, 64, 32)
+            self.run_tool("convert", "in.exr", "-o", f"x.{kind}", "--to", "latlong", "-q")
+            self.run_tool("convert", f"x.{kind}", "-o", "good.exr", "--to", "latlong", "-q")
+            good = self.path("good.exr").read_bytes()
+            for n in range(1, 9):
+                for rest in ("", ":from"):
+                    if self.path("out.exr").exists():
+                        self.path("out.exr").unlink()
+                    status = self.run_injected(f"read:{n}:{errno.EIO}{rest}", f"x.{kind}", "-o", "out.exr", "--to",
+                                               "latlong", "-q", expect=(0, 3))
+                    # Either right or refused, never something else.
+                    self.assertEqual(self.path("out.exr").exists(), status == 0)
+                    if status == 0:
+                        self.assertEqual(self.path("out.exr").read_bytes(), good, (kind, n))
+                    else:
+                        self.assertIn(f"x.{kind}: ", self.err)
+
+    def test_verification(self):
+        write_exr(self.path("in.exr"), 32, 16, lambda x, y: (x, y, 0.5))
+        for kind in ("exr", "hdr", "pfm"):
+            words = ("in.exr", "-o", f"out.{kind}", "--size", 64, "-q")
+            env = {**os.environ, "ENVCONV_TEST_WRITER": "flip"}
+            self.path(f"out.{kind}").write_bytes(b"old")
+            self.run_tool("convert", *words, "--verify", expect=4, env=env).says(f"out.{kind}: ", "read back")
+            self.assertEqual(self.path(f"out.{kind}").read_bytes(), b"old")
+            self.assertEqual(len([f for f in self.files() if f.startswith(".")]), 0)
+
+
+@unittest.skipIf(SANITIZED, "a sanitizer wants to be loaded first")
+class Allocations(Injected):
+    def pixels(self, name):
+        """Of a file whose chunks may be stored as they are: a codec without memory does that."""
+        self.run_tool("convert", name, "-o", "plain.exr", "--compression", "none", "-q")
+        found = read_exr(self.path("plain.exr"))[2]
+        self.path("plain.exr").unlink()
+        return found
+
+    def test_any_allocation_may_fail(self):
+        write_exr(self.path("in.exr"), 32, 16, lambda x, y: (x, y, 0.5))
+        # Verified: OpenEXR's compressors take no notice of an allocation that fails, and store rubbish.
+        words = ("in.exr", "-o", "out.exr", "--size", 16, "-j", 1, "--verify")
+        self.run_injected("malloc:0:0", *words, expect=(0,))
+        good, calls = self.pixels("out.exr"), self.calls
+        self.assertGreater(calls, 200)
+        step = max(1, calls // 40)
+        for rest in ("", ":from"):
+            for n in range(1 + len(rest), calls, step):
+                if self.path("out.exr").exists():
+                    self.path("out.exr").unlink()
+                status = self.run_injected(f"malloc:{n}:{errno.ENOMEM}{rest}", *words)
+                # 3 and 4 where a codec ran out of it, which says what it knows; 70 where a library's own thread did.
+                self.assertIn(status, (0, 3, 4, 6, 70), (n, rest, self.err))
+                # What failed may have been the last words, when the output had its name.
+                if status == 0 or self.path("out.exr").exists():
+                    self.assertEqual(self.pixels("out.exr"), good, (n, rest))
+                if status != 0 and not rest:  # with no memory at all there may be none for the last words
+                    self.assertNotEqual(self.err, "")
+                    self.assertLessEqual(set(self.files()), {"in.exr", "out.exr"}, (n, rest, self.err))
+
+
+class Values(Case):
+    PLAIN = ("--compression", "none", "--type", "float", "--to", "latlong")
+
+    def test_negative_values(self):
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: (-1 if x == 3 else 1, 1, 1))
+        self.run_tool("convert", "in.exr", "-o", "out.exr", *self.PLAIN).is_silent()
+        self.assertEqual(read_exr(self.path("out.exr"))[2]["R"][0][3], -1)
+        for kind in ("hdr", "png"):
+            self.run_tool("convert", "in.exr", "-o", f"out.{kind}", "--to", "latlong")
+            self.says(f"8 values are negative, which", f".{kind} cannot hold: set to 0")
+
+    def test_extremes(self):
+        odd = struct.unpack("6f", struct.pack("6f", 1e-42, -0.0, 65504.0, 65519.0, 1e38, 6e-8))
+        write_exr(self.path("in.exr"), 16, 8, lambda x, y: (odd[x % 6],) * 3)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", *self.PLAIN).is_silent()
+        row = read_exr(self.path("out.exr"))[2]["G"][2]
+        self.assertEqual(struct.pack("6f", *row[:6]), struct.pack("6f", *odd))
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--to", "latlong", "--type", "half", "--compression", "none")
+        self.says("too large for half")
+        row = read_exr(self.path("out.exr"))[2]["G"][2]
+        self.assertEqual((row[2], row[3], row[4]), (65504, 65504, 65504))
+        # Radiance's largest is 255 / 256 * 2^127: what is larger does not become 0.
+        write_constant(self.path("in.exr"), 3e38)
+        self.run_tool("convert", "in.exr", "-o", "out.hdr", "--to", "latlong").says("too large for")
+        self.assertGreater(self.json("info", "out.hdr")["channels"][0]["min"], 1.6e38)
+
+    def test_envmap_that_cannot_be(self):
+        kinds = {"cube": b"\1", "odd": b"\x4d"}
+        for name, value in kinds.items():
+            write_exr(self.path(f"{name}.exr"), 16, 8, lambda x, y: (1, 1, 1), attributes={"envmap": ("envmap", value)})
+        # 16x8 is no cube: the size wins, and a warning says so.
+        self.run_tool("convert", "cube.exr", "-o", "out.exr").says("cube.exr: warning: ")
+        self.run_tool("convert", "odd.exr", "-o", "out.exr", "--from", "latlong")
+
+
+class Files(Case):
+    def test_outputs_that_are_no_files(self):
+        write_constant(self.path("in.exr"))
+        self.path("folder").mkdir()
+        os.mkfifo(self.path("fifo.exr"))
+        self.path("device.exr").symlink_to("/dev/null")
+        self.path("nowhere.exr").symlink_to("missing.exr")
+        self.path("folder/real.exr").write_bytes(b"old")
+        self.path("link.exr").symlink_to("folder/real.exr")
+        for name in ("folder", "fifo.exr", "device.exr", "nowhere.exr"):
+            self.run_tool("convert", "in.exr", "-o", name, expect=2).says(name)
+        # A link to a file is followed, and stays a link.
+        self.run_tool("convert", "in.exr", "-o", "link.exr").is_silent()
+        self.assertTrue(self.path("link.exr").is_symlink())
+        self.assertEqual(self.json("info", "folder/real.exr")["layout"], "cube")
+
+    def test_info_into_a_closed_pipe(self):
+        write_constant(self.path("in.exr"))
+        read_end, write_end = os.pipe()
+        os.close(read_end)
+        done = subprocess.run([BINARY, "info", "in.exr"], cwd=self.folder, stdout=write_end, stderr=subprocess.PIPE)
+        os.close(write_end)
+        self.assertIn(done.returncode, (0, -signal.SIGPIPE))
+        self.assertEqual(done.stderr, b"")
+
+    def test_one_bad_file_of_many(self):
+        names = [f"{i:03}.exr" for i in range(100)]
+        for name in names:
+            write_constant(self.path(name), 1, 8, 4)
+        data = self.path("050.exr").read_bytes()
+        self.path("out").mkdir()
+        convert = ("convert", *names, "-o", "out/", "--size", 2, "--keep-going")
+        for make_bad in (lambda p: p.write_bytes(data[:-20]), lambda p: p.write_bytes(b""), lambda p: p.unlink()):
+            make_bad(self.path("050.exr"))
+            self.run_tool(*convert, expect=7).says("050.exr: ", "100 inputs: 99 converted, 0 skipped, 1 failed")
+            self.assertTrue(self.err.endswith("1 failed\n"))
+            self.assertEqual(len([f for f in self.files() if f.startswith("out/")]), 99)
+        if os.geteuid() == 0:
+            return  # root reads everything
+        self.path("050.exr").write_bytes(data)
+        self.path("050.exr").chmod(0)
+        self.run_tool(*convert, expect=7).says("050.exr: ", "Permission denied")
+
+    def test_a_locale_changes_no_byte(self):
+        write_constant(self.path("in.exr"), 0.3)
+        seen = set()
+        for locale in ("C", "de_DE.UTF-8", "C.UTF-8"):
+            self.run_tool("convert", "in.exr", "-o", "out.hdr", "--rotate", "10.5,0,0", "--exposure", "0.5",
+                          env={**os.environ, "LC_ALL": locale})
+            seen.add(self.path("out.hdr").read_bytes())
+        self.assertEqual(len(seen), 1)
+
+    def test_names(self):
+        odd = [b"a b", b"new\nline", b"hash#", b"%04d", b"*", b"{}", b"{{x}}", b"{stem}", b"?x=1", b"bytes\xff\xfe", b"-o",
+               b"\xc3\xbc", b"'", b'"', b"$HOME", b"a" * 251]
+        os.mkdir(self.path("out"))
+        for name in odd:
+            file = os.path.join(os.fsencode(self.folder), name + b".exr")
+            write_constant(os.fsdecode(file), 1, 8, 4)
+            done = subprocess.run([BINARY, b"convert", b"-o", b"out/", b"--size", b"2", b"--", name + b".exr"],
+                                  cwd=self.folder, capture_output=True)
+            self.assertEqual((done.returncode, done.stdout, done.stderr), (0, b"", b""), name)
+            os.unlink(file)
+        self.assertEqual(sorted(os.listdir(os.fsencode(self.path("out")))), sorted(name + b".exr" for name in odd))
+
+    def test_a_broken_color_configuration(self):
+        # Either it is refused before anything is read, or it has no influence: never something in between.
+        write_constant(self.path("in.exr"), 0.25)
+        self.run_tool("convert", "in.exr", "-o", "good.png", "--to", "latlong", "-q")
+        good = self.path("good.png").read_bytes()
+        self.path("broken.ocio").write_text("ocio_profile_version: [")
+        for config in ("no-such-file", "broken.ocio", "/dev/null"):
+            done = subprocess.run([BINARY, "convert", "in.exr", "-o", "out.png", "--to", "latlong", "-q"], cwd=self.folder,
+                                  capture_output=True, env={**os.environ, "OCIO": config})
+            self.assertIn(done.returncode, (0, 2), done.stderr)
+            if done.returncode == 0:
+                self.assertEqual(self.path("out.png").read_bytes(), good)
+            else:
+                self.assertIn(b"OCIO", done.stderr.upper())
+                self.assertFalse(self.path("out.png").exists())
+
+
+if __name__ == "__main__":
+    unittest.main()

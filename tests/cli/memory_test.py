@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Memory: what is predicted, what is allowed, and what happens where there is less."""
+import json
+import os
+import resource
+import subprocess
+import sys
+import unittest
+
+from harness import BINARY, SANITIZED, Case, write_constant, write_exr
+
+MB = 1000 * 1000
+
+
+def with_limit(kind, bytes_allowed):
+    return lambda: resource.setrlimit(kind, (bytes_allowed, bytes_allowed))
+
+
+class Memory(Case):
+    def predicted(self, *words):
+        return self.json("convert", *words, "--dry-run")["peak_memory"]
+
+    def measured(self, *words):
+        """The most memory of the process as the system counts it: its own, and not that of the decoder."""
+        # A process begins with the peak of the one that started it: let that be a small one.
+        measure = ("import resource, subprocess, sys; done = subprocess.run(sys.argv[1:]).returncode; "
+                   "print(done, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)")
+        out = subprocess.run([sys.executable, "-S", "-c", measure, BINARY, "convert", *map(str, words), "-q"],
+                             cwd=self.folder, capture_output=True, check=True, close_fds=False).stdout
+        status, kilobytes = map(int, out.split())
+        self.assertEqual(status, 0, words)
+        return kilobytes * 1024
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_the_prediction_is_within_a_fifth(self):
+        self.make_large("in.exr", 512)
+        self.run_tool("convert", "in.exr", "-o", "in.png", "--to", "latlong", "-q")
+        self.run_tool("convert", "in.exr", "-o", "cube.exr", "-q")
+        for words in (
+            ("in.exr", "-o", "a.exr"), ("in.exr", "-o", "b.exr", "--size", 700), ("in.exr", "-o", "c.png"),
+            ("in.exr", "-o", "d.exr", "--to", "latlong"), ("in.exr", "-o", "e.hdr", "--filter", "nearest"),
+            ("in.png", "-o", "f.exr", "--size", 64), ("cube.exr", "-o", "g.exr", "--to", "octahedral"),
+            ("in.exr", "-o", "h_{face}.tif", "--size", 600), ("in.exr", "-o", "i.exr", "--size", 600, "--verify"),
+        ):
+            ratio = self.predicted(*words) / self.measured(*words)
+            self.assertTrue(0.8 < ratio < 1.25, (words, ratio))
+
+    def make_large(self, name, height):
+        write_exr(self.path("small.exr"), 32, 16, lambda x, y: (x / 32, y / 16, 0.5))
+        self.run_tool("convert", "small.exr", "-o", name, "--to", "latlong", "--size", height, "--type", "float",
+                      "--filter", "nearest")
+
+    def test_what_would_not_fit_is_refused_before_the_pixels(self):
+        # A header that is right, and no pixels at all: they are not missed.
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        data = self.path("in.exr").read_bytes()
+        self.path("cut.exr").write_bytes(data[: len(data) // 2])
+        for words in (("cut.exr", "-o", "out.exr", "--size", 2000), ("in.exr", "-o", "out.exr", "--size", 2000)):
+            self.run_tool("convert", *words, "--memory", "100M", expect=6)
+            self.says(words[0] + ": needs about", "100 MB are allowed", "--memory", "--size")
+            self.run_tool("convert", *words, "--memory", "100M", "--dry-run", expect=6).says("needs about")
+        self.assertEqual(self.files(), ["cut.exr", "in.exr"])
+        needed = self.predicted("in.exr", "-o", "out.exr", "--size", 500)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 500, "--memory", needed).is_silent()
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 500, "--memory", needed - 1, expect=6)
+
+    def test_in_a_batch_only_the_large_one_fails(self):
+        write_constant(self.path("a.exr"))
+        write_constant(self.path("b.exr"), 1, 1024, 512)
+        write_constant(self.path("c.exr"))
+        self.path("out").mkdir()
+        self.run_tool("convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--memory", "25M", "--keep-going", "--json",
+                      expect=7).says("b.exr: needs about")
+        self.assertEqual([f for f in self.files() if f.startswith("out/")], ["out/a.exr", "out/c.exr"])
+        self.assertEqual([json.loads(line).get("status") for line in self.out.splitlines()[:3]], [None, 6, None])
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_a_batch_keeps_within_it(self):
+        self.make_large("0.exr", 384)
+        names = ["0.exr"]
+        for i in range(1, 6):
+            os.link(self.path("0.exr"), self.path(f"{i}.exr"))
+            names.append(f"{i}.exr")
+        self.path("out").mkdir()
+        one = self.predicted("0.exr", "-o", "out/", "--size", 450)
+        peak = {}
+        for room in (1, 4):
+            peak[room] = self.measured(*names, "-o", "out/", "--size", 450, "-j", 4, "--memory", one * room)
+            self.assertLess(peak[room], 1.2 * one * room)
+        # And uses what it may, else the memory was no reason for anything.
+        self.assertGreater(peak[4], 1.5 * peak[1])
+
+    @unittest.skipIf(SANITIZED, "a sanitizer's shadow needs the address space")
+    def test_a_limit_on_the_address_space(self):
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 3000, expect=6,
+                      preexec_fn=with_limit(resource.RLIMIT_AS, 1000 * MB))
+        self.says("in.exr: needs about", "of memory")
+        # Told that there is more than there is, it finds out, and still says how much was needed.
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 3000, "--memory", "8G", expect=6,
+                      preexec_fn=with_limit(resource.RLIMIT_AS, 1000 * MB))
+        self.says("in.exr: ", "not enough memory", "MB are needed")
+        self.assertEqual(self.files(), ["in.exr"])
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 100,
+                      preexec_fn=with_limit(resource.RLIMIT_AS, 1000 * MB)).is_silent()
+
+    def test_a_small_stack_is_enough(self):
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        for kind in ("exr", "hdr", "png", "tif", "jpg"):
+            self.run_tool("convert", "in.exr", "-o", f"out.{kind}", "-q",
+                          preexec_fn=with_limit(resource.RLIMIT_STACK, 256 * 1024))
+
+    def test_sizes_as_words(self):
+        write_constant(self.path("in.exr"))
+        for size in ("0", "-1", "1.5G", "4GiB", "x", ""):
+            self.run_tool("convert", "in.exr", "-o", "out.exr", f"--memory={size}", expect=2)
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--memory", "1G").is_silent()
+
+
+if __name__ == "__main__":
+    unittest.main()
