@@ -240,7 +240,8 @@ void Source::copy_highlights(const std::vector<Orphan>& orphans) {
     }
     if (any) highlights_.copies.push_back(copy);
   }
-  for (const Highlights::Copy& c : highlights_.copies) excess_at(c.face, c.x, c.y, true);
+  for (const Highlights::Copy& c : highlights_.copies)
+    block_at(c.face, c.x, c.y, true)->repeats[Highlights::place(c.x, c.y)] = true;
   repeat_highlights();
   // A bilinear read at texel x takes x and x + 1: blocks from which an excess can be met.
   constexpr int side = Highlights::side;
@@ -306,6 +307,8 @@ std::vector<StrandedEnergy> Source::conserve_highlights() {
         for (int x = x0; x < x1; ++x) {
           float* e = block.excess[Highlights::place(x, y)];
           if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+          // A texel of a face that the layout does not own at its centre.
+          if (block.repeats[Highlights::place(x, y)]) continue;
           const double own = omega[(y - y0) * (x1 - x0) + (x - x0)];
           const double got = static_cast<double>(block.received[Highlights::place(x, y)]) * Highlights::received_unit;
           if (got > 0) {

@@ -58,6 +58,7 @@ struct Highlights {
     float excess[side * side][4];
     float base[side * side][4];           ///< of split texels: what is left of them
     bool split[side * side];              ///< true where the texel was split
+    bool repeats[side * side];            ///< true where the excess is a copy of its owners', and no energy of its own
     std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
   };
   std::vector<std::int32_t> index;  ///< [first_block + by * blocks + bx]: block number, or -1
