@@ -207,6 +207,9 @@ void sum_of(int n, const Windows& s, int targets, float* HWY_RESTRICT sums) {
       for (int j = 1; j < count; ++j)
         sum = hn::MulAdd(hn::Set(d, s.wy[j / 4][4 * i + j % 4]), hn::LoadU(d, from + j * pitch), sum);
       const int first = c * per_chunk, last = std::min(count, first + per_chunk) - 1;
+      // What lies past the window may be no number, and no weight makes up for that.
+      if (last + 1 < first + per_chunk)
+        sum = hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>((last + 1 - first) * channels)), sum);
       V across;
       if constexpr (sum_lanes <= 4) {
         across = hn::Set(d, s.wx[first / 4][4 * i + first % 4]);
@@ -215,13 +218,8 @@ void sum_of(int n, const Windows& s, int targets, float* HWY_RESTRICT sums) {
         static constexpr LaneTaps<channels> tables[3] = {LaneTaps<channels>(0), LaneTaps<channels>(per_chunk),
                                                          LaneTaps<channels>(2 * per_chunk)};
         const auto index = hn::SetTableIndices(d, tables[c].index);
-        const auto spread = [&](int four) HWY_ATTR {
-          // Lanes of taps past these four would repeat weights.
-          const auto weights = hn::TableLookupLanes(hn::LoadDup128(d, s.wx[four] + 4 * i), index);
-          if (first + per_chunk <= 4 * four + 4) return weights;
-          return hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>((4 * four + 4 - first) * channels)),
-                                    weights);
-        };
+        const auto spread = [&](int four)
+                                HWY_ATTR { return hn::TableLookupLanes(hn::LoadDup128(d, s.wx[four] + 4 * i), index); };
         if (last < 4)
           across = spread(0);
         else if (first >= 4)

@@ -192,11 +192,7 @@ class Resampler {
 
   void run_group(Source& source, EnvImage& out, int first_channel) {
     mark_slivers(source, out);
-    // Enough blocks for a row of tiles that crosses every block of a face's row, as at a pole.
-    std::size_t most_blocks = 0;
-    for (const SourceFace& face : source.faces())
-      most_blocks = std::max(most_blocks, static_cast<std::size_t>(face.size.width / 96));
-    most_blocks = std::clamp<std::size_t>(most_blocks, 8, block_memory / SourceBlocks::bytes(source.channels()));
+    const std::size_t most_blocks = SourceBlocks::worth_keeping(source_, block_memory);
     tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces(
         [&] { return std::make_unique<Workspace>(source, filter_.kernel, most_blocks); });
     std::atomic<std::size_t> done{0};
@@ -679,11 +675,16 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
     strips += static_cast<std::size_t>(face.width() + face.height()) * 4 * static_cast<std::size_t>(apron);
     copy += in_place ? 0 : face.pixel_count();
   }
-  const std::size_t blocks = filter.kernel == Kernel::band_limited ? block_memory : 0;
-  const std::size_t threads = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
+  const std::size_t blocks = filter.kernel == Kernel::band_limited
+                                 ? SourceBlocks::worth_keeping(source, block_memory) *
+                                       SourceBlocks::bytes(source.channels.count() == 3 ? 3 : 4)
+                                 : 0;
+  const auto cores = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
+  const std::size_t threads = options.threads > 0 ? std::min(cores, static_cast<std::size_t>(options.threads)) : cores;
+  constexpr std::size_t work = std::size_t{1} << 20;  // of each thread, besides its blocks
   // Highlights, of which there may be many.
   const std::size_t rest = filter.limited ? source.texel_count() : 0;
-  return out + (strips + copy) * 4 * sizeof(float) + rest + threads * blocks + (std::size_t{4} << 20);
+  return out + (strips + copy) * 4 * sizeof(float) + rest + threads * (blocks + work);
 }
 
 }  // namespace envconv

@@ -23,6 +23,17 @@ SourceBlocks::SourceBlocks(const Source& source, std::size_t most) : source_(&so
   slots_.reserve(std::min<std::size_t>(most, slot_of_.size()));
 }
 
+std::size_t SourceBlocks::worth_keeping(const EnvImage& image, std::size_t memory) {
+  std::size_t all = 0, across = 0;
+  for (const Image& face : image.faces) {
+    const auto columns = static_cast<std::size_t>((face.width() + side - 1) / side);
+    all += columns * static_cast<std::size_t>((face.height() + side - 1) / side);
+    across = std::max(across, columns);
+  }
+  const std::size_t fit = memory / bytes(image.channels.count() == 3 ? 3 : 4);
+  return std::min(all, std::clamp<std::size_t>(across + across / 3, 8, std::max<std::size_t>(fit, 8)));
+}
+
 std::size_t SourceBlocks::bytes(int channels) {
   constexpr std::size_t texels = (side + 2 * reach) * (side + 2 * reach + 2 * margin);
   return texels * static_cast<std::size_t>(channels) * sizeof(float);

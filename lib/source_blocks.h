@@ -37,6 +37,9 @@ class SourceBlocks {
   void point(int n, const float* face, Windows& windows);
   void point(int n, const float* face, Windows& windows) const;  ///< after make_all()
 
+  /// Blocks that a thread profits from keeping: as many as a row of tiles crosses that meets every block of a face's
+  /// row, as at a pole, and 8 at least, within so many bytes, and no more than there are.
+  static std::size_t worth_keeping(const EnvImage& image, std::size_t memory);
   /// Bytes that one block takes.
   static std::size_t bytes(int channels);
 

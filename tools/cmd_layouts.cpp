@@ -66,7 +66,7 @@ int run(bool as_json, const std::vector<std::string>& names) {
 Command layouts_command() {
   auto json = std::make_shared<bool>(false);
   Command command{.name = "layouts",
-                  .summary = "the table of layouts, or more about the ones named",
+                  .summary = "the table of layouts, or more about some",
                   .operands = "[NAME...]",
                   .description =
                       "Prints for each layout its faces, their aspect ratio, the default packing, whether "

@@ -162,7 +162,7 @@ std::string kinds_in_words() {
 Command pattern_command() {
   auto options = std::make_shared<PatternCommand>();
   Command command{.name = "pattern",
-                  .summary = "a test card: directions, labels, grid, zoneplate, noise, constant, sun",
+                  .summary = "draw a test card: labels, zone plates ...",
                   .operands = "KIND",
                   .min_operands = 1,
                   .max_operands = 1,

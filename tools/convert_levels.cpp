@@ -39,6 +39,25 @@ std::vector<Size> stored_sizes(const Layout& layout, int height, int level, cons
   return sizes;
 }
 
+// An error where the images of packed faces do not halve from level to level, as those of one file must.
+Result<Ok> check_halving(const LevelPlace& place, int height, int levels, const Seam& seam, const std::string& apart) {
+  if (is_apart(*place.packing)) return Ok{};
+  Size first{};
+  for (int k = 0; k < levels; ++k) {
+    ENVCONV_TRY(const PackedShape shape,
+                packed_shape(*place.layout, *place.packing, stored_sizes(*place.layout, height, k, seam)));
+    if (k == 0) first = shape.size;
+    const Size halved = level_size(first, k);
+    if (shape.size != halved)
+      return Error{ErrorCode::unsupported, place.output + ": level " + std::to_string(k) +
+                                               " of the faces makes an image of " + text(shape.size) +
+                                               ", where the file's must be " + text(halved) +
+                                               " (--packing parts keeps the faces apart, a power of two as --size " +
+                                               "halves, or " + apart + ")"};
+  }
+  return Ok{};
+}
+
 }  // namespace
 
 void add_level_options(Command& command, LevelOptions& target) {
@@ -106,7 +125,10 @@ int levels_to_make(const LevelOptions& options, const LevelPlace& place, int hei
   const int all = level_count(*place.layout, height);
   if (options.mips > 0) return std::min(options.mips, all);
   if (options.mips == 0 || place.file_a_level) return all;
-  return is_for_engines(place.output) && options.seam.gutter() == 0 ? all : 1;
+  // As usual: a chain where engines expect one, and the file can hold it.
+  const bool chain =
+      is_for_engines(place.output) && options.seam.gutter() == 0 && check_halving(place, height, all, options.seam, "");
+  return chain ? all : 1;
 }
 
 Result<Ok> check_levels(const LevelOptions& options, const LevelPlace& place, int height) {
@@ -121,19 +143,7 @@ Result<Ok> check_levels(const LevelOptions& options, const LevelPlace& place, in
   if (extension_of(place.output) == "exr" && levels < level_count(*place.layout, height))
     return refuse("OpenEXR holds the whole chain of levels, not " + std::to_string(levels) +
                   " of them (leave out the number of --mips, or " + apart + ")");
-  if (is_apart(*place.packing)) return Ok{};
-  Size first{};
-  for (int k = 0; k < levels; ++k) {
-    ENVCONV_TRY(const PackedShape shape,
-                packed_shape(*place.layout, *place.packing, stored_sizes(*place.layout, height, k, options.seam)));
-    if (k == 0) first = shape.size;
-    const Size halved = level_size(first, k);
-    if (shape.size != halved)
-      return refuse("level " + std::to_string(k) + " of the faces makes an image of " + text(shape.size) +
-                    ", where the file's must be " + text(halved) + " (--packing parts keeps the faces apart, a power " +
-                    "of two as --size halves, or " + apart + ")");
-  }
-  return Ok{};
+  return check_halving(place, height, levels, options.seam, apart);
 }
 
 std::size_t level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels) {

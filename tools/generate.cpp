@@ -465,7 +465,7 @@ std::string general_help() {
       "  envconv convert 'sky_{face}.png' -o sky.exr --to latlong\n"
       "  envconv info sky_cube.exr\n"
       "\n"
-      "The manual: man envconv, man envconv-layouts, man envconv-metrics, man envconv-seams\n";
+      "The manual: man envconv, envconv-layouts, envconv-metrics, envconv-seams\n";
   return out;
 }
 
