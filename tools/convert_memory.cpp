@@ -2,6 +2,7 @@
 // What a conversion will take of memory, told from the header alone.
 #include <algorithm>
 #include <string_view>
+#include <thread>
 
 #include "convert.h"
 #include "text.h"
@@ -15,7 +16,10 @@ std::size_t bytes_of(PixelType type) {
 }
 
 // The process itself, its threads and the buffers of codecs.
-constexpr std::size_t overhead = std::size_t{12} << 20;
+std::size_t overhead(int threads) {
+  const unsigned n = threads > 0 ? static_cast<unsigned>(threads) : std::max(1u, std::thread::hardware_concurrency());
+  return (std::size_t{10} << 20) + n * (std::size_t{2} << 20);
+}
 
 // The image library and the 260 others that it brings along, once it is loaded for writing (measured: a picture of one
 // texel as PNG, TIFF or JPEG against OpenEXR).
@@ -60,10 +64,10 @@ std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape&
   const std::size_t picture = o.packing->name == "files" ? result / shape.faces.size() : result;  // one at a time
   const std::size_t encoded = picture / 4 * bytes_of(o.write.type_given ? o.write.type : first.type);
   std::size_t writing = result + (streamed ? 0 : encoded + image_library);
-  if (o.write.verify) writing += result;
+  if (o.write.verify) writing += result + result / 2;  // as floats, and as they are stored
   if (packed) writing = std::max(writing, 2 * result);
   writing += level_bytes(o.levels, level_place(plan, job), shape.height, shape.channels);
-  return overhead + std::max({reading, resampling, writing});
+  return overhead(o.threads) + std::max({reading, resampling, writing});
 }
 
 Result<Ok> check_memory(const ConvertPlan& plan, const Job& job, const Shape& shape) {

@@ -82,7 +82,7 @@ class Memory(Case):
             os.link(self.path("0.exr"), self.path(f"{i}.exr"))
             names.append(f"{i}.exr")
         self.path("out").mkdir()
-        one = self.predicted("0.exr", "-o", "out/", "--size", 450)
+        one = self.predicted("0.exr", "-o", "out/", "--size", 450, "-j", 4)
         peak = {}
         for room in (1, 4):
             peak[room] = self.measured(*names, "-o", "out/", "--size", 450, "-j", 4, "--memory", one * room)
