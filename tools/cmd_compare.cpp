@@ -118,7 +118,7 @@ Result<int> compare(const CompareRequest& o, const std::string& name_a, const st
   options.peak = o.peak ? *o.peak : is_integer(a.type) ? 1.0 : 0.0;
   const Result<Comparison> comparison = compare_maps(a.image, b.image, options);
   if (!comparison) return Error{comparison.error().code, name_b + ": " + comparison.error().message};
-  const std::vector<Failure> failed = failures(*comparison, o.thresholds);
+  const std::vector<Failure> failed = failures(*comparison, b.image, o.thresholds);
   warn_of(a, b, *comparison);
   if (!o.error_map.empty()) ENVCONV_CHECK(write_error_map(o, a, b));
   if (!o.report.empty()) {

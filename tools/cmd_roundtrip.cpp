@@ -63,7 +63,7 @@ Result<Trip> make_trip(const RoundtripRequest& o, const LoadedMap& map, const La
   options.peak = is_integer(map.type) ? 1.0 : 0.0;
   Trip trip{&layout, height, texel_count(layout, height), {}, {}};
   ENVCONV_TRY(trip.comparison, compare_maps(original, back, options));
-  trip.failed = failures(trip.comparison, o.thresholds);
+  trip.failed = failures(trip.comparison, there, o.thresholds);
   return trip;
 }
 

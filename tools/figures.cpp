@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "options.h"
+#include "seam.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -50,8 +51,13 @@ std::vector<std::string_view> figure_names() {
   return names;
 }
 
+// Of one map, and so none of a comparison's.
+static constexpr Figure seam_figure{"seam_error", "seam error",
+                                    nullptr,      false,
+                                    "--max-seam", "seam error of the map that was made, relative to its mean radiance"};
+
 bool Thresholds::any() const {
-  return std::ranges::any_of(limits, [](const auto& limit) { return limit.has_value(); });
+  return seam || std::ranges::any_of(limits, [](const auto& limit) { return limit.has_value(); });
 }
 
 void add_threshold_options(Command& command, Thresholds& target) {
@@ -64,9 +70,13 @@ void add_threshold_options(Command& command, Thresholds& target) {
     command.options.push_back(in_group(
         number_option(std::string(figure.limit_option), "X", target.limits[i], -1e30, 1e30, help), "Thresholds"));
   }
+  const std::string help =
+      "the most allowed " + std::string(seam_figure.limit_help) + "; beyond it the exit status is 1";
+  command.options.push_back(
+      in_group(number_option(std::string(seam_figure.limit_option), "X", target.seam, 0, 1e30, help), "Thresholds"));
 }
 
-std::vector<Failure> failures(const Comparison& comparison, const Thresholds& thresholds) {
+std::vector<Failure> failures(const Comparison& comparison, const EnvImage& converted, const Thresholds& thresholds) {
   const bool spoiled = comparison.nonfinite_a + comparison.nonfinite_b > 0;
   std::vector<Failure> out;
   for (std::size_t i = 0; i < thresholds.limits.size(); ++i) {
@@ -75,6 +85,10 @@ std::vector<Failure> failures(const Comparison& comparison, const Thresholds& th
     const double value = comparison.total.*figure.value, limit = *thresholds.limits[i];
     const bool kept = figure.larger_is_better ? value >= limit : value <= limit;  // NaN keeps nothing
     if (!kept || spoiled) out.push_back({&figure, value, limit});
+  }
+  if (thresholds.seam) {
+    const double value = seam_error(converted).largest;
+    if (!(value <= *thresholds.seam)) out.push_back({&seam_figure, value, *thresholds.seam});
   }
   return out;
 }

@@ -30,6 +30,7 @@ std::vector<std::string_view> figure_names();
 /// A limit for each figure, or nothing.  [all_figures()]
 struct Thresholds {
   std::vector<std::optional<double>> limits;
+  std::optional<double> seam;  ///< of the largest seam error, relative to the map's mean radiance
   bool any() const;
 };
 /// --max-rmse and its kin, with a heading of their own.
@@ -40,8 +41,9 @@ struct Failure {
   const Figure* figure;
   double value, limit;
 };
-/// The limits that the total does not keep; all that are set when a map has values that are NaN or infinite.
-std::vector<Failure> failures(const Comparison& comparison, const Thresholds& thresholds);
+/// The limits that the total does not keep; all that are set when a map has values that are NaN or infinite.  The seam
+/// error is that of `converted`, the map that was made.
+std::vector<Failure> failures(const Comparison& comparison, const EnvImage& converted, const Thresholds& thresholds);
 /// "rmse 0.25 is above 0.1 (--max-rmse)".
 std::string failure_text(const Comparison& comparison, const Failure& failure);
 

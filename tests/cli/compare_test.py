@@ -89,6 +89,19 @@ class Compare(Case):
                              [(option, figure, limit)])
             self.assertEqual(report["failed"][0]["value"], report[figure])
 
+    def test_the_seam_error_is_the_converted_map_s(self):
+        write_directions(self.path("a.exr"), 128, 64)
+        self.run_tool("convert", "a.exr", "-o", "plain.exr", "--size", 32)
+        self.run_tool("convert", "a.exr", "-o", "stretched.exr", "--size", 32, "--seam", "stretch", "--type", "float")
+        self.run_tool("compare", "a.exr", "stretched.exr", "--max-seam", 1e-12)
+        # A lat-long of directions has seams; that it is compared with a cube does not make them count.
+        self.run_tool("compare", "plain.exr", "stretched.exr", "--max-seam", 1e-12)
+        report = self.json("compare", "a.exr", "plain.exr", "--max-seam", 1e-12, expect=1)
+        self.says("plain.exr: seam_error", "(--max-seam)")
+        self.assertEqual([(f["threshold"], f["figure"]) for f in report["failed"]], [("--max-seam", "seam_error")])
+        told = json.loads(self.run_tool("info", "plain.exr", "--seams", "--json").out)["seams"]["largest"]
+        self.assertAlmostEqual(report["failed"][0]["value"], told, places=9)
+
     def test_nonfinite_values_are_counted_and_fail_thresholds(self):
         offset_maps(self)
         spoiled = {(3, 2): (float("nan"), 0.75, 0.75), (9, 6): (0.75, float("inf"), float("-inf"))}
