@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "solid_angle.h"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -362,6 +363,8 @@ void add_row(const float* p, const double* w, int n, std::size_t channels, doubl
 SphereMean sphere_mean(const EnvImage& image) {
   const std::size_t channels = static_cast<std::size_t>(image.channels.count()), sums = 2 * channels + 1;
   std::vector<double> sum(sums, 0.0);
+  // Kept by threads from band to band: fresh megabytes for each would be cleared by the system every time.
+  tbb::enumerable_thread_specific<std::vector<double>> buffers;
   for (int f = 0; f < image.layout->face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
     const Size size{face.width(), face.height()};
@@ -371,7 +374,8 @@ SphereMean sphere_mean(const EnvImage& image) {
     std::vector<double> partial(static_cast<std::size_t>(bands) * sums, 0.0);
     tbb::parallel_for(0, bands, [&](int band) {
       const int y0 = band * band_rows, ny = std::min(band_rows, size.height - y0);
-      std::vector<double> omega(static_cast<std::size_t>(ny) * static_cast<std::size_t>(size.width));
+      std::vector<double>& omega = buffers.local();
+      omega.resize(static_cast<std::size_t>(ny) * static_cast<std::size_t>(size.width));
       texel_solid_angles(*image.layout, f, size, image.placement, 0, y0, size.width, ny, omega.data());
       double* s = &partial[static_cast<std::size_t>(band) * sums];
       for (int y = 0; y < ny; ++y) {
