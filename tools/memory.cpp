@@ -81,8 +81,22 @@ std::size_t available_memory() {
                    left_by_limit(RLIMIT_AS, "VmSize:"), left_by_limit(RLIMIT_DATA, "VmData:")});
 }
 
-std::size_t resident_memory() { return kilobytes("/proc/self/status", "VmRSS:", 0); }
-std::size_t resident_peak() { return kilobytes("/proc/self/status", "VmHWM:", 0); }
+namespace {
+// Without /proc.  Never less than the truth: it may be the peak of the program that this one replaced.
+std::size_t peak_of_usage() {
+  rusage usage{};
+  return getrusage(RUSAGE_SELF, &usage) == 0 ? static_cast<std::size_t>(usage.ru_maxrss) * 1024 : 0;
+}
+}  // namespace
+
+std::size_t resident_memory() {
+  const std::size_t now = kilobytes("/proc/self/status", "VmRSS:", 0);
+  return now > 0 ? now : peak_of_usage();
+}
+std::size_t resident_peak() {
+  const std::size_t peak = kilobytes("/proc/self/status", "VmHWM:", 0);
+  return peak > 0 ? peak : peak_of_usage();
+}
 
 void MemoryMeter::begin(int job) {
   const std::lock_guard lock(mutex_);
