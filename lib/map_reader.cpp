@@ -24,7 +24,6 @@ struct ReadBuffers {
   alignas(64) float face[PointBatch::most + batch_padding], u[PointBatch::most + batch_padding],
       v[PointBatch::most + batch_padding];
   alignas(64) float ones[run + batch_padding];
-  alignas(64) float sums[run * 16];
   ReadBuffers() { std::ranges::fill(ones, 1.0f); }
 };
 
@@ -64,9 +63,8 @@ void MapReader::read(const PointBatch& points, float* out) const {
       const int n = std::min(run, points.count - first);
       make_windows(groups_[g].maps(), Kernel::bilinear, n, b.face + first, b.u + first, b.v + first, b.ones, b.windows);
       groups_[g].point(Kernel::bilinear, n, b.face + first, b.windows);
-      sum_windows(Kernel::bilinear, groups_[g].channels(), n, b.windows, n, b.sums);
       float values[run * 4];
-      reduce_sums(groups_[g].channels(), n, b.sums, values);
+      sum_windows(Kernel::bilinear, groups_[g].channels(), n, b.windows, b.ones, values);
       for (int i = 0; i < n; ++i)
         std::copy_n(values + 4 * i, channels,
                     out + static_cast<std::size_t>(first + i) * static_cast<std::size_t>(channels_) + 4 * g);

@@ -84,33 +84,63 @@ std::vector<double> least_squares(std::vector<std::vector<double>> columns, std:
 
 }  // namespace
 
-GridQuadrature grid_quadrature(int steps) {
-  const int n = steps + 2 * GridQuadrature::halo, half = (n + 1) / 2;
-  const auto multiplicity = [&](int j) { return 2 * j + 1 == n ? 1.0 : 2.0; };
-  const auto wave = [&](int j, double k) {
-    return multiplicity(j) * std::cos(k * ((j - GridQuadrature::halo + 0.5) / steps - 0.5));
-  };
+namespace {
+
+// The weights of samples at x[] texels from a texel's centre.
+std::vector<double> wave_weights(const std::vector<double>& x, double steps_per_texel, double source_texels,
+                                 const SourceWave& wave) {
+  const double band = 0.5 * source_texels;  // waves per texel
   // The last weight follows from the sum of all, which is 1.
-  constexpr int waves = 600;
-  const double last = multiplicity(half - 1);
-  std::vector<std::vector<double>> columns(static_cast<std::size_t>(half - 1));
+  constexpr int waves = 200;
+  const std::size_t free = x.size() - 1;
+  std::vector<std::vector<double>> columns(free);
   std::vector<double> b;
   for (int i = 0; i < waves; ++i) {
-    const double k = 1.25 * M_PI * steps * (i + 0.5) / waves;
-    const double importance = k <= M_PI ? 20 : k < 0.8 * M_PI * steps ? 1 : 0.05;
-    for (int j = 0; j < half - 1; ++j)
-      columns[static_cast<std::size_t>(j)].push_back(importance *
-                                                     (wave(j, k) - wave(half - 1, k) * multiplicity(j) / last));
-    b.push_back(importance * (std::sin(0.5 * k) / (0.5 * k) - wave(half - 1, k) / last));
+    const double f = 0.625 * steps_per_texel * (i + 0.5) / waves;  // to past the grid's own limit of half the steps
+    const double within = std::min(0.85 * band, 0.42 * steps_per_texel);
+    const double importance = f <= within ? (f <= 0.5 ? 20 : 2) : f <= band ? 0.25 : 0.02;
+    const double k = 2 * M_PI * f, truth = std::sin(0.5 * k) / (0.5 * k);
+    const double height = drooping_height(k * wave.along) * drooping_height(k * wave.across);
+    for (const bool odd : {false, true}) {
+      const auto wave_at = [&](double at) { return height * (odd ? std::sin(k * at) : std::cos(k * at)); };
+      for (std::size_t j = 0; j < free; ++j) columns[j].push_back(importance * (wave_at(x[j]) - wave_at(x[free])));
+      b.push_back(importance * ((odd ? 0 : truth) - wave_at(x[free])));
+    }
   }
-  std::vector<double> x = least_squares(std::move(columns), std::move(b));
+  std::vector<double> w = least_squares(std::move(columns), std::move(b));
   double sum = 0;
-  for (int j = 0; j < half - 1; ++j) sum += multiplicity(j) * x[static_cast<std::size_t>(j)];
-  x.push_back((1 - sum) / last);
+  for (const double v : w) sum += v;
+  w.push_back(1 - sum);
+  return w;
+}
+
+}  // namespace
+
+GridQuadrature grid_quadrature(int steps, int texels, double source_texels, const SourceWave& wave) {
+  const double density = static_cast<double>(steps) / texels;
   GridQuadrature q;
-  q.steps = steps;
-  for (int j = 0; j < n; ++j)
-    q.weight.push_back(static_cast<float>(x[static_cast<std::size_t>(std::min(j, n - 1 - j))]));
+  q.steps = steps, q.texels = texels;
+  // Long steps have little room between the band and their limit, and need more of the neighbours.
+  q.taps = static_cast<int>(std::ceil(density + (density < 2 ? 6 : 4)));
+  std::vector<std::vector<double>> weights;
+  for (int phase = 0; phase < texels; ++phase) {
+    const double centre = (phase + 0.5) * density - 0.5;  // in samples
+    q.first.push_back(static_cast<int>(std::lround(centre - 0.5 * (q.taps - 1))));
+    const int mirrored = texels - 1 - phase;
+    if (mirrored < phase) {
+      weights.emplace_back(weights[static_cast<std::size_t>(mirrored)].rbegin(),
+                           weights[static_cast<std::size_t>(mirrored)].rend());
+      continue;
+    }
+    std::vector<double> x;
+    for (int j = 0; j < q.taps; ++j) x.push_back((q.first.back() + j - centre) / density);
+    std::vector<double> w = wave_weights(x, density, source_texels, wave);
+    if (mirrored == phase)
+      for (std::size_t j = 0, k = w.size() - 1; j < k; ++j, --k) w[j] = w[k] = 0.5 * (w[j] + w[k]);
+    weights.push_back(std::move(w));
+  }
+  for (const auto& w : weights)
+    for (const double v : w) q.weight.push_back(static_cast<float>(v));
   return q;
 }
 

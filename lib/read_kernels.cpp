@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 
 #include "assertion.h"
 
@@ -73,14 +72,15 @@ HWY_INLINE void tap_weights(V f, V (&w)[8]) {
     };
     const auto outer = [&](V s) HWY_ATTR { return hn::Mul(hn::Mul(hn::Mul(s, s), hn::Sub(s, one)), hn::Set(d, 0.5f)); };
     w[0] = outer(g), w[1] = inner(f), w[2] = inner(g), w[3] = outer(f);
-  } else if constexpr (kernel == Kernel::band_limited) {
+  } else if constexpr (kernel == Kernel::band_limited || kernel == Kernel::drooping) {
+    constexpr const float* c0 = kernel == Kernel::drooping ? drooping::c0 : band_limited::c0;
+    constexpr const float* c1 = kernel == Kernel::drooping ? drooping::c1 : band_limited::c1;
+    constexpr const float* c2 = kernel == Kernel::drooping ? drooping::c2 : band_limited::c2;
     const V ff = hn::Mul(f, f);
-    const V even1 = polynomial<4, 2>(ff, band_limited::c1),
-            odd1 = hn::Mul(f, polynomial<3, 2>(ff, band_limited::c1 + 1));
-    const V even2 = polynomial<4, 2>(ff, band_limited::c2),
-            odd2 = hn::Mul(f, polynomial<3, 2>(ff, band_limited::c2 + 1));
+    const V even1 = polynomial<4, 2>(ff, c1), odd1 = hn::Mul(f, polynomial<3, 2>(ff, c1 + 1));
+    const V even2 = polynomial<4, 2>(ff, c2), odd2 = hn::Mul(f, polynomial<3, 2>(ff, c2 + 1));
     w[0] = hn::Sub(even2, odd2), w[1] = hn::Sub(even1, odd1);
-    w[2] = polynomial<4, 1>(ff, band_limited::c0);
+    w[2] = polynomial<4, 1>(ff, c0);
     w[3] = hn::Add(even1, odd1), w[4] = hn::Add(even2, odd2);
   }
 }
@@ -122,26 +122,23 @@ void windows_of(const FaceMaps& maps, int n, const float* HWY_RESTRICT face, con
       hn::StoreInterleaved4(a[0], a[1], a[2], a[3], d, s.wx[0] + 4 * i);
       if constexpr (taps(kernel) > 4) hn::StoreInterleaved4(a[4], a[5], a[6], a[7], d, s.wx[1] + 4 * i);
       tap_weights<kernel>(fy, a);
-      for (V& weight_y : a) weight_y = hn::Mul(w, weight_y);
-      hn::StoreInterleaved4(a[0], a[1], a[2], a[3], d, s.wy[0] + 4 * i);
-      if constexpr (taps(kernel) > 4) hn::StoreInterleaved4(a[4], a[5], a[6], a[7], d, s.wy[1] + 4 * i);
+      for (int k = 0; k < taps(kernel); ++k) hn::Store(hn::Mul(w, a[k]), d, s.wy[k] + i);
     }
   }
   if constexpr (kernel == Kernel::lanczos3) {
     const LanczosTable& table = lanczos_table();
     for (int i = 0; i < n; ++i) {
-      const auto fill = [&](float f, float scale, float(*to)[batch_room * 4]) {
+      const auto fill = [&](float f, const auto& put) {
         const float t = f * 1024.0f;
         const int k = std::min(static_cast<int>(t), 1023);
         const float r = t - static_cast<float>(k);
         const auto& a = table.rows[static_cast<std::size_t>(k)];
         const auto& b = table.rows[static_cast<std::size_t>(k) + 1];
-        for (std::size_t j = 0; j < 6; ++j)
-          to[j / 4][4 * static_cast<std::size_t>(i) + j % 4] = scale * (a[j] + r * (b[j] - a[j]));
-        to[1][4 * i + 2] = to[1][4 * i + 3] = 0;
+        for (std::size_t j = 0; j < 6; ++j) put(static_cast<int>(j), a[j] + r * (b[j] - a[j]));
       };
-      fill(s.fx[i], 1.0f, s.wx);
-      fill(s.fy[i], weight[i], s.wy);
+      fill(s.fx[i], [&](int k, float w) { s.wx[k / 4][4 * i + k % 4] = w; });
+      s.wx[1][4 * i + 2] = s.wx[1][4 * i + 3] = 0;
+      fill(s.fy[i], [&](int k, float w) { s.wy[k][i] = weight[i] * w; });
     }
   }
 }
@@ -153,15 +150,50 @@ void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face,
     case Kernel::bilinear: return windows_of<Kernel::bilinear>(maps, n, face, u, v, weight, windows);
     case Kernel::catmull_rom: return windows_of<Kernel::catmull_rom>(maps, n, face, u, v, weight, windows);
     case Kernel::band_limited: return windows_of<Kernel::band_limited>(maps, n, face, u, v, weight, windows);
+    case Kernel::drooping: return windows_of<Kernel::drooping>(maps, n, face, u, v, weight, windows);
     case Kernel::lanczos3: return windows_of<Kernel::lanczos3>(maps, n, face, u, v, weight, windows);
   }
 }
 
+int point_windows(const WindowField& field, int channels, const float* HWY_RESTRICT face, int begin, int n,
+                  Windows& windows) {
+  const hn::ScalableTag<float> d;
+  const hn::RebindToSigned<decltype(d)> di;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  int end = begin + 1;
+  for (; end + lanes <= n; end += lanes) {
+    const auto x = hn::LoadU(di, windows.x + end), y = hn::LoadU(di, windows.y + end);
+    const auto across = hn::And(hn::Gt(x, hn::Set(di, field.left - 1)), hn::Lt(x, hn::Set(di, field.right)));
+    const auto down = hn::And(hn::Gt(y, hn::Set(di, field.top - 1)), hn::Lt(y, hn::Set(di, field.bottom)));
+    const auto same = hn::RebindMask(di, hn::Eq(hn::LoadU(d, face + end), hn::Set(d, face[begin])));
+    if (!hn::AllTrue(di, hn::And(hn::And(across, down), same))) break;
+  }
+  const auto holds = [&](int i) {
+    return windows.x[i] >= field.left && windows.x[i] < field.right && windows.y[i] >= field.top &&
+           windows.y[i] < field.bottom && face[i] == face[begin];
+  };
+  while (end < n && holds(end)) ++end;
+  for (int i = begin; i < end; ++i) {
+    windows.first[i] = field.origin + windows.y[i] * field.pitch + windows.x[i] * channels;
+    windows.pitch[i] = field.pitch;
+  }
+  return end;
+}
+
 // Taps of a row are contiguous texels.  A chunk is as many whole texels as a vector holds; lanes beyond them take part
 // and are never looked at.  Rows are summed under the vertical weights first; the horizontal weights, each spread over
-// its texel's lanes, come last.
-using Sums = hn::CappedTag<float, 16>;
-constexpr int sum_lanes = static_cast<int>(hn::MaxLanes(Sums()));
+// its texel's lanes, come next, and then the texels' lanes are added up.
+template <int floats>
+using SumLanes = hn::CappedTag<float, (floats <= 8 ? 8 : 16)>;
+
+// Lane l takes lane l + shift.
+template <int shift>
+struct LaneShift {
+  alignas(64) std::int32_t index[16];
+  constexpr explicit LaneShift(int lanes) : index() {
+    for (int l = 0; l < 16; ++l) index[l] = l + shift < lanes ? l + shift : l % lanes;
+  }
+};
 
 // Where a lane's weight is among four, in a chunk that starts at tap `first`.
 template <int channels>
@@ -173,45 +205,64 @@ struct LaneTaps {
 };
 
 #if HWY_TARGET == HWY_SCALAR
-constexpr int texel_lanes(int channels) { return channels; }  // one texel's
-
-template <Kernel kernel, int channels, bool add>
-void sum_of(int n, const Windows& s, int targets, float* HWY_RESTRICT sums) {
-  for (int i = 0, t = 0; i < n; ++i, t = t + 1 == targets ? 0 : t + 1)
+template <Kernel kernel, int channels>
+void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
+  for (int i = 0; i < n; ++i, out += 4) {
+    for (int c = 0; c < 4; ++c) out[c] = 0;
     for (int k = 0; k < taps(kernel); ++k) {
       const float across = s.wx[k / 4][4 * i + k % 4];
       const float* from = s.first[i] + k * channels;
       for (int c = 0; c < channels; ++c) {
         float sum = 0;
-        for (int j = 0; j < taps(kernel); ++j) sum += s.wy[j / 4][4 * i + j % 4] * from[j * s.pitch[i] + c];
-        float& to = sums[16 * t + c];
-        to = (add || k > 0 ? to : 0.0f) + across * sum;
+        for (int j = 0; j < taps(kernel); ++j) sum += s.wy[j][i] * from[j * s.pitch[i] + c];
+        out[c] += across * sum;
       }
     }
+    if (channels == 3) out[3] = weight[i];
+  }
 }
 #else
-constexpr int texel_lanes(int channels) { return sum_lanes / channels * channels; }  // whole texels'
+template <int shift, class V>
+HWY_INLINE V shifted(V v) {
+  const hn::DFromV<V> d;
+  static constexpr LaneShift<shift> table(static_cast<int>(hn::MaxLanes(hn::DFromV<V>())));
+  return hn::TableLookupLanes(v, hn::SetTableIndices(d, table.index));
+}
 
-template <Kernel kernel, int channels, bool add>
-void sum_of(int n, const Windows& s, int targets, float* HWY_RESTRICT sums) {
-  constexpr int count = taps(kernel), per_chunk = sum_lanes / channels, chunks = (count + per_chunk - 1) / per_chunk;
-  const Sums d;
-  using V = hn::Vec<Sums>;
-  for (int i = 0, t = 0; i < n; ++i, t = t + 1 == targets ? 0 : t + 1) {
+// The first texel's lanes hold the sum of `texels` texels' lanes.
+template <int texels, int channels, class V>
+HWY_INLINE V add_texels(V v) {
+  if constexpr (texels <= 1) {
+    return v;
+  } else {
+    constexpr int half = texels / 2;
+    const V folded = add_texels<half, channels>(hn::Add(v, shifted<half * channels>(v)));
+    if constexpr (texels % 2 == 0) return folded;
+    return hn::Add(folded, shifted<2 * half * channels>(v));
+  }
+}
+
+template <Kernel kernel, int channels>
+void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
+  constexpr int count = taps(kernel);
+  const SumLanes<count * channels> d;
+  using V = hn::Vec<decltype(d)>;
+  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
+  constexpr int per_chunk = lanes / channels, chunks = (count + per_chunk - 1) / per_chunk;
+  const hn::CappedTag<float, 4> d4;
+  for (int i = 0; i < n; ++i, out += 4) {
     const std::ptrdiff_t pitch = s.pitch[i];
-    float* to = sums + 16 * t;
-    V total = add ? hn::LoadU(d, to) : hn::Zero(d);
+    V total = hn::Zero(d);
     for (int c = 0; c < chunks; ++c) {
       const float* HWY_RESTRICT from = s.first[i] + c * per_chunk * channels;
-      V sum = hn::Mul(hn::Set(d, s.wy[0][4 * i]), hn::LoadU(d, from));
-      for (int j = 1; j < count; ++j)
-        sum = hn::MulAdd(hn::Set(d, s.wy[j / 4][4 * i + j % 4]), hn::LoadU(d, from + j * pitch), sum);
+      V sum = hn::Mul(hn::Set(d, s.wy[0][i]), hn::LoadU(d, from));
+      for (int j = 1; j < count; ++j) sum = hn::MulAdd(hn::Set(d, s.wy[j][i]), hn::LoadU(d, from + j * pitch), sum);
       const int first = c * per_chunk, last = std::min(count, first + per_chunk) - 1;
       // What lies past the window may be no number, and no weight makes up for that.
-      if (last + 1 < first + per_chunk)
+      if (chunks > 1 && last + 1 < first + per_chunk)
         sum = hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>((last + 1 - first) * channels)), sum);
       V across;
-      if constexpr (sum_lanes <= 4) {
+      if constexpr (lanes <= 4) {
         across = hn::Set(d, s.wx[first / 4][4 * i + first % 4]);
       } else {
         // Four weights repeat along the vector, so that an index below 4 finds them from any lane.
@@ -228,138 +279,294 @@ void sum_of(int n, const Windows& s, int targets, float* HWY_RESTRICT sums) {
           across =
               hn::IfThenElse(hn::FirstN(d, static_cast<std::size_t>((4 - first) * channels)), spread(0), spread(1));
       }
-      total = hn::MulAdd(sum, across, total);
+      total = chunks == 1 ? hn::Mul(sum, across) : hn::MulAdd(sum, across, total);
     }
-    hn::StoreU(total, d, to);
+    total = add_texels<std::min(count, per_chunk), channels>(total);
+    hn::Vec<decltype(d4)> four;
+    if constexpr (lanes == 4)
+      four = total;
+    else if constexpr (lanes == 8)
+      four = hn::LowerHalf(total);
+    else
+      four = hn::LowerHalf(hn::LowerHalf(total));
+    if constexpr (channels == 3) four = hn::IfThenElse(hn::FirstN(d4, 3), four, hn::Set(d4, weight[i]));
+    hn::StoreU(four, d4, out);
   }
 }
 #endif
 
-template <int channels, bool add>
-void sum_of(Kernel kernel, int n, const Windows& windows, int targets, float* sums) {
+template <int channels>
+void sum_of(Kernel kernel, int n, const Windows& windows, const float* weight, float* out) {
   switch (kernel) {
-    case Kernel::nearest: return sum_of<Kernel::nearest, channels, add>(n, windows, targets, sums);
-    case Kernel::bilinear: return sum_of<Kernel::bilinear, channels, add>(n, windows, targets, sums);
-    case Kernel::catmull_rom: return sum_of<Kernel::catmull_rom, channels, add>(n, windows, targets, sums);
-    case Kernel::band_limited: return sum_of<Kernel::band_limited, channels, add>(n, windows, targets, sums);
-    case Kernel::lanczos3: return sum_of<Kernel::lanczos3, channels, add>(n, windows, targets, sums);
+    case Kernel::nearest: return sum_of<Kernel::nearest, channels>(n, windows, weight, out);
+    case Kernel::bilinear: return sum_of<Kernel::bilinear, channels>(n, windows, weight, out);
+    case Kernel::catmull_rom: return sum_of<Kernel::catmull_rom, channels>(n, windows, weight, out);
+    case Kernel::band_limited:
+    case Kernel::drooping: return sum_of<Kernel::drooping, channels>(n, windows, weight, out);  // as many taps
+    case Kernel::lanczos3: return sum_of<Kernel::lanczos3, channels>(n, windows, weight, out);
   }
 }
 
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, int targets, float* sums) {
-  const bool add = targets < n;  // else every sample has its own sum
-  if (channels == 3)
-    return add ? sum_of<3, true>(kernel, n, windows, targets, sums)
-               : sum_of<3, false>(kernel, n, windows, targets, sums);
-  add ? sum_of<4, true>(kernel, n, windows, targets, sums) : sum_of<4, false>(kernel, n, windows, targets, sums);
-}
-
-constexpr int filled_lanes = sum_lanes < 4 ? 4 : sum_lanes;  // by sum_windows()
-
-void combine_samples(int n, int step, int count, const float* HWY_RESTRICT weight, const float* HWY_RESTRICT in,
-                     float* HWY_RESTRICT out) {
-  const Sums d;
-  for (int i = 0; i < n; ++i)
-    for (int l = 0; l < filled_lanes; l += sum_lanes) {
-      const float* HWY_RESTRICT from = in + 16 * i * step + l;
-      auto sum = hn::Mul(hn::Set(d, weight[0]), hn::LoadU(d, from));
-      for (int k = 1; k < count; ++k) sum = hn::MulAdd(hn::Set(d, weight[k]), hn::LoadU(d, from + 16 * k), sum);
-      hn::StoreU(sum, d, out + 16 * i + l);
-    }
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out) {
+  channels == 3 ? sum_of<3>(kernel, n, windows, weight, out) : sum_of<4>(kernel, n, windows, weight, out);
 }
 
 void combine_rows(int n, int count, const float* HWY_RESTRICT weight, const float* const* rows,
                   float* HWY_RESTRICT out) {
-  const Sums d;
-  for (int i = 0; i < n; ++i)
-    for (int l = 0; l < filled_lanes; l += sum_lanes) {
-      const int at = 16 * i + l;
-      auto sum = hn::Mul(hn::Set(d, weight[0]), hn::LoadU(d, rows[0] + at));
-      for (int k = 1; k < count; ++k) sum = hn::MulAdd(hn::Set(d, weight[k]), hn::LoadU(d, rows[k] + at), sum);
-      hn::StoreU(sum, d, out + at);
-    }
-}
-
-void reduce_sums(int channels, int n, const float* HWY_RESTRICT sums, float* HWY_RESTRICT out) {
-  const int used = texel_lanes(channels);
-  for (int i = 0; i < n; ++i, sums += 16, out += 4) {
-    // Four lanes from each texel on; with three channels the fourth is the next texel's first.
-    float total[4];
-    std::memcpy(total, sums, sizeof total);
-    for (int l = channels; l < used; l += channels)
-      for (int c = 0; c < 4; ++c) total[c] += sums[l + c];
-    if (channels == 3) total[3] = 0;
-    std::memcpy(out, total, sizeof total);
+  const hn::ScalableTag<float> d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int i = 0; i < n; i += lanes) {
+    auto sum = hn::Mul(hn::Set(d, weight[0]), hn::LoadU(d, rows[0] + i));
+    for (int k = 1; k < count; ++k) sum = hn::MulAdd(hn::Set(d, weight[k]), hn::LoadU(d, rows[k] + i), sum);
+    hn::StoreU(sum, d, out + i);
   }
 }
 
-// Both poles' recursions in one sweep, each y[n] = (1-p) x[n] + p y[n-1]: unit gain at zero frequency.
-struct Poles {
-  float p1 = static_cast<float>(band_limited::poles[0]), g1 = 1.0f - p1;
-  float p2 = static_cast<float>(band_limited::poles[1]), g2 = 1.0f - p2;
-};
+// Four floats at a time: the scalar target has one.
+using Four = hn::CappedTag<float, 4>;
+
+void combine_samples(int n, int phases, int step, int taps, const int* first, const float* HWY_RESTRICT weight,
+                     const float* HWY_RESTRICT in, float* HWY_RESTRICT out) {
+  const Four d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int i = 0, phase = 0, base = 0; i < n; ++i, out += 4) {
+    const float* HWY_RESTRICT from = in + 4 * (base + first[phase]);
+    const float* HWY_RESTRICT w = weight + phase * taps;
+    for (int l = 0; l < 4; l += lanes) {
+      auto sum = hn::Mul(hn::Set(d, w[0]), hn::LoadU(d, from + l));
+      for (int k = 1; k < taps; ++k) sum = hn::MulAdd(hn::Set(d, w[k]), hn::LoadU(d, from + 4 * k + l), sum);
+      hn::StoreU(sum, d, out + l);
+    }
+    if (++phase == phases) phase = 0, base += step;
+  }
+}
+
+void store_texels(int n, const float* HWY_RESTRICT in, const float* HWY_RESTRICT total, const float lowest[4],
+                  int channels, int stored, float* HWY_RESTRICT to) {
+  const Four d;
+  const bool whole = hn::Lanes(d) == 4 && (stored == 4 || stored == 3) && channels == stored;
+  const auto low = hn::LoadU(d, lowest);
+  for (int i = 0; i < n; ++i, in += 4, to += stored) {
+    // Whole vectors, but for the last of three channels, after which comes what is another's.
+    if (whole && (stored == 4 || i + 1 < n)) {
+      const auto value = hn::Div(hn::LoadU(d, in), hn::Set(d, total ? total[i] : in[3]));
+      hn::StoreU(hn::Max(low, value), d, to);  // in this order, what is no number stays none
+      continue;
+    }
+    const float scale = total ? total[i] : in[3];
+    for (int c = 0; c < channels; ++c) to[c] = std::max(in[c] / scale, lowest[c]);
+  }
+}
+
+// Both poles' recursions in one sweep, each y[n] = x[n] + p y[n-1].  Forth and back their gain at zero frequency is
+// 1 / ((1 - p1) (1 - p2))^2, which the last sweep makes up for.
+constexpr float pole1 = static_cast<float>(band_limited::poles[0]), pole2 = static_cast<float>(band_limited::poles[1]);
+constexpr float last_gain = (1 - pole1) * (1 - pole1) * (1 - pole2) * (1 - pole2);
+
+using Sums = hn::CappedTag<float, 16>;
+constexpr int sum_lanes = static_cast<int>(hn::MaxLanes(Sums()));
+
+#if HWY_TARGET != HWY_SCALAR
+// A texel of each of as many rows as a vector holds, four floats each.
+template <class D>
+HWY_INLINE hn::Vec<D> load_column(D d, const float* const* rows, std::ptrdiff_t at) {
+  if constexpr (hn::MaxLanes(D()) == 4) {
+    return hn::LoadU(d, rows[0] + at);
+  } else {
+    const hn::Half<D> half;
+    constexpr std::size_t count = hn::MaxLanes(D()) / 8;
+    return hn::Combine(d, load_column(half, rows + count, at), load_column(half, rows, at));
+  }
+}
+template <class D>
+HWY_INLINE void store_column(D d, hn::Vec<D> v, float* const* rows, std::ptrdiff_t at) {
+  if constexpr (hn::MaxLanes(D()) == 4) {
+    hn::StoreU(v, d, rows[0] + at);
+  } else {
+    const hn::Half<D> half;
+    constexpr std::size_t count = hn::MaxLanes(D()) / 8;
+    store_column(half, hn::LowerHalf(half, v), rows, at);
+    store_column(half, hn::UpperHalf(half, v), rows + count, at);
+  }
+}
+#endif
 
 void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8],
                     float* HWY_RESTRICT work) {
-  // Eight texels of a column lie side by side in `work`: recursions run abreast.
-  for (int x = 0; x < width; ++x)
-    for (int k = 0; k < 8; ++k) std::memcpy(work + 32 * x + 4 * k, in[k] + x * channels, 4 * sizeof(float));
-  const Sums d;
-  const Poles poles;
-  const auto p1 = hn::Set(d, poles.p1), g1 = hn::Set(d, poles.g1), p2 = hn::Set(d, poles.p2), g2 = hn::Set(d, poles.g2);
-  for (int l = 0; l < 32; l += 2 * sum_lanes) {
-    const auto sweep = [&](int begin, int end, int step) HWY_ATTR {
-      float* t = work + 32 * begin + l;
-      auto a1 = hn::LoadU(d, t), b1 = hn::LoadU(d, t + sum_lanes), a2 = a1, b2 = b1;
-      for (int x = begin; x != end; x += step) {
-        t = work + 32 * x + l;
-        a1 = hn::MulAdd(p1, a1, hn::Mul(g1, hn::LoadU(d, t)));
-        b1 = hn::MulAdd(p1, b1, hn::Mul(g1, hn::LoadU(d, t + sum_lanes)));
-        a2 = hn::MulAdd(p2, a2, hn::Mul(g2, a1));
-        b2 = hn::MulAdd(p2, b2, hn::Mul(g2, b1));
-        hn::StoreU(a2, d, t);
-        hn::StoreU(b2, d, t + sum_lanes);
+#if HWY_TARGET == HWY_SCALAR
+  for (int k = 0; k < 8; ++k)
+    for (int c = 0; c < channels; ++c) {
+      float y1 = in[k][(width - 1) * channels + c] / (1 - pole1), y2 = y1 / (1 - pole2);
+      for (int x = width - 1; x >= 0; --x) {
+        y1 = in[k][x * channels + c] + pole1 * y1;
+        work[x] = y2 = y1 + pole2 * y2;
       }
-    };
-    sweep(0, width, 1);
-    sweep(width - 1, -1, -1);
+      y1 = y2 / (1 - pole1), y2 = y1 / (1 - pole2);
+      for (int x = 0; x < width - skip; ++x) {
+        y1 = work[x] + pole1 * y1;
+        y2 = y1 + pole2 * y2;
+        if (x >= skip) out[k][(x - skip) * channels + c] = last_gain * y2;
+      }
+    }
+#else
+  const Sums d;
+  constexpr int rows = sum_lanes / 4;
+  const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
+  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
+  // Two vectors abreast: each waits for its own last step.
+  for (int k = 0; k < 8; k += 2 * rows) {
+    const float* from[2 * rows];
+    float* to[2 * rows];
+    std::copy_n(in + k, 2 * rows, from);
+    std::copy_n(out + k, 2 * rows, to);
+    const std::ptrdiff_t end = static_cast<std::ptrdiff_t>(width - 1) * channels;
+    auto a1 = hn::Mul(start1, load_column(d, from, end)), b1 = hn::Mul(start1, load_column(d, from + rows, end));
+    auto a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
+    for (int x = width - 1; x >= 0; --x) {
+      a1 = hn::MulAdd(p1, a1, load_column(d, from, x * channels));
+      b1 = hn::MulAdd(p1, b1, load_column(d, from + rows, x * channels));
+      a2 = hn::MulAdd(p2, a2, a1);
+      b2 = hn::MulAdd(p2, b2, b1);
+      hn::StoreU(a2, d, work + 2 * sum_lanes * x);
+      hn::StoreU(b2, d, work + 2 * sum_lanes * x + sum_lanes);
+    }
+    a1 = hn::Mul(start1, a2), b1 = hn::Mul(start1, b2);
+    a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
+    for (int x = 0; x < width - skip; ++x) {
+      a1 = hn::MulAdd(p1, a1, hn::LoadU(d, work + 2 * sum_lanes * x));
+      b1 = hn::MulAdd(p1, b1, hn::LoadU(d, work + 2 * sum_lanes * x + sum_lanes));
+      a2 = hn::MulAdd(p2, a2, a1);
+      b2 = hn::MulAdd(p2, b2, b1);
+      if (x < skip) continue;
+      // In rising order: a texel of three channels overwrites the fourth float of the one before.
+      const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(x - skip) * channels;
+      store_column(d, hn::Mul(gain, a2), to, at);
+      store_column(d, hn::Mul(gain, b2), to + rows, at);
+    }
   }
-  // In rising order: a texel of three channels overwrites the fourth float of the one before.
-  for (int x = skip; x < width - skip; ++x)
-    for (int k = 0; k < 8; ++k) std::memcpy(out[k] + (x - skip) * channels, work + 32 * x + 4 * k, 4 * sizeof(float));
+#endif
 }
 
 void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
   const Sums d;
-  const Poles poles;
-  const auto p1 = hn::Set(d, poles.p1), g1 = hn::Set(d, poles.g1), p2 = hn::Set(d, poles.p2), g2 = hn::Set(d, poles.g2);
+  const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
+  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
   using V = hn::Vec<Sums>;
   constexpr int abreast = 4;  // vectors
-  for (int x = 0; x < n; x += abreast * sum_lanes) {
-    const int vectors = std::min(abreast, (n - x + sum_lanes - 1) / sum_lanes);
-    const auto sweep = [&](int begin, int end, int step) HWY_ATTR {
-      V y1[abreast], y2[abreast];
-      for (int k = 0; k < abreast; ++k)
-        y1[k] = y2[k] = hn::LoadU(d, texels + begin * pitch + x + std::min(k, vectors - 1) * sum_lanes);
-      for (int y = begin; y != end; y += step) {
-        float* t = texels + y * pitch + x;
-        if (vectors == abreast) {
-          for (int k = 0; k < abreast; ++k) {
-            y1[k] = hn::MulAdd(p1, y1[k], hn::Mul(g1, hn::LoadU(d, t + k * sum_lanes)));
-            y2[k] = hn::MulAdd(p2, y2[k], hn::Mul(g2, y1[k]));
-            hn::StoreU(y2[k], d, t + k * sum_lanes);
-          }
-        } else {
-          for (int k = 0; k < vectors; ++k) {
-            y1[k] = hn::MulAdd(p1, y1[k], hn::Mul(g1, hn::LoadU(d, t + k * sum_lanes)));
-            y2[k] = hn::MulAdd(p2, y2[k], hn::Mul(g2, y1[k]));
-            hn::StoreU(y2[k], d, t + k * sum_lanes);
-          }
-        }
+  const auto sweeps = [&](float* from, int vectors) HWY_ATTR {
+    V y1[abreast], y2[abreast];
+    const auto start = [&](const float* t) HWY_ATTR {
+      for (int k = 0; k < vectors; ++k) {
+        y1[k] = hn::Mul(start1, hn::LoadU(d, t + k * sum_lanes));
+        y2[k] = hn::Mul(start2, y1[k]);
       }
     };
-    sweep(0, rows, 1);
-    sweep(rows - 1, -1, -1);
+    start(from);
+    for (int y = 0; y < rows; ++y) {
+      float* t = from + y * pitch;
+      for (int k = 0; k < vectors; ++k) {
+        y1[k] = hn::MulAdd(p1, y1[k], hn::LoadU(d, t + k * sum_lanes));
+        y2[k] = hn::MulAdd(p2, y2[k], y1[k]);
+        hn::StoreU(y2[k], d, t + k * sum_lanes);
+      }
+    }
+    start(from + (rows - 1) * pitch);
+    for (int y = rows - 1; y >= 0; --y) {
+      float* t = from + y * pitch;
+      for (int k = 0; k < vectors; ++k) {
+        y1[k] = hn::MulAdd(p1, y1[k], hn::LoadU(d, t + k * sum_lanes));
+        y2[k] = hn::MulAdd(p2, y2[k], y1[k]);
+        hn::StoreU(hn::Mul(gain, y2[k]), d, t + k * sum_lanes);
+      }
+    }
+  };
+  for (int x = 0; x < n; x += abreast * sum_lanes) {
+    const int vectors = std::min(abreast, (n - x + sum_lanes - 1) / sum_lanes);
+    if (vectors == abreast)
+      sweeps(texels + x, abreast);
+    else
+      sweeps(texels + x, vectors);
+  }
+}
+
+// Vector k of texels' channels: lane l is of the texel (lanes k + l) / channels.
+template <int channels, int lanes>
+struct LaneTexels {
+  alignas(64) std::int32_t index[channels][lanes];
+  constexpr LaneTexels() : index() {
+    for (int k = 0; k < channels; ++k)
+      for (int l = 0; l < lanes; ++l) index[k][l] = (lanes * k + l) / channels;
+  }
+};
+
+// Rows in floats, which go on in double.
+template <int channels>
+void add_weighted_of(int width, int height, const float* HWY_RESTRICT values, std::ptrdiff_t pitch,
+                     const double* HWY_RESTRICT weights, double* sums) {
+#if HWY_TARGET == HWY_SCALAR
+  constexpr int whole = 0;
+#else
+  const hn::CappedTag<float, 16> d;
+  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
+  using V = hn::Vec<decltype(d)>;
+  static constexpr LaneTexels<channels, lanes> texels;
+  const int whole = width / lanes * lanes;
+  double sum_lanes[channels][lanes] = {}, magnitude_lanes[channels][lanes] = {}, weight_lanes[lanes] = {};
+  for (int y = 0; y < height && whole > 0; ++y) {
+    V sum[channels], magnitude[channels], total = hn::Zero(d);
+    for (int k = 0; k < channels; ++k) sum[k] = magnitude[k] = hn::Zero(d);
+    const float* HWY_RESTRICT v = values + y * pitch;
+    const double* HWY_RESTRICT w = weights + static_cast<std::ptrdiff_t>(y) * width;
+    for (int x = 0; x < whole; x += lanes, v += lanes * channels) {
+      HWY_ALIGN float narrow[lanes];
+      for (int l = 0; l < lanes; ++l) narrow[l] = static_cast<float>(w[x + l]);
+      const V weight = hn::Load(d, narrow);
+      total = hn::Add(total, weight);
+      const bool all = hn::AllFalse(d, hn::Eq(weight, hn::Zero(d)));
+      for (int k = 0; k < channels; ++k) {
+        const V spread = hn::TableLookupLanes(weight, hn::SetTableIndices(d, texels.index[k]));
+        V value = hn::LoadU(d, v + k * lanes);
+        if (!all) value = hn::IfThenZeroElse(hn::Eq(spread, hn::Zero(d)), value);
+        sum[k] = hn::MulAdd(spread, value, sum[k]);
+        magnitude[k] = hn::MulAdd(spread, hn::Abs(value), magnitude[k]);
+      }
+    }
+    const auto add = [&](V lanes_of, double* to) HWY_ATTR {
+      HWY_ALIGN float lane[lanes];
+      hn::Store(lanes_of, d, lane);
+      for (int l = 0; l < lanes; ++l) to[l] += static_cast<double>(lane[l]);
+    };
+    for (int k = 0; k < channels; ++k) add(sum[k], sum_lanes[k]), add(magnitude[k], magnitude_lanes[k]);
+    add(total, weight_lanes);
+  }
+  for (int k = 0; k < channels; ++k)
+    for (int l = 0; l < lanes; ++l) {
+      sums[(lanes * k + l) % channels] += sum_lanes[k][l];
+      sums[channels + (lanes * k + l) % channels] += magnitude_lanes[k][l];
+    }
+  for (int l = 0; l < lanes; ++l) sums[2 * channels] += weight_lanes[l];
+#endif
+  for (int y = 0; y < height; ++y)
+    for (int x = whole; x < width; ++x) {
+      const double w = weights[static_cast<std::ptrdiff_t>(y) * width + x];
+      if (w == 0) continue;
+      for (int c = 0; c < channels; ++c) {
+        const double v = static_cast<double>(values[y * pitch + x * channels + c]);
+        sums[c] += w * v;
+        sums[channels + c] += w * std::abs(v);
+      }
+      sums[2 * channels] += w;
+    }
+}
+
+void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
+                  double* sums) {
+  switch (channels) {
+    case 1: return add_weighted_of<1>(width, height, values, pitch, weights, sums);
+    case 2: return add_weighted_of<2>(width, height, values, pitch, weights, sums);
+    case 3: return add_weighted_of<3>(width, height, values, pitch, weights, sums);
+    case 4: return add_weighted_of<4>(width, height, values, pitch, weights, sums);
+    default: ENVCONV_ASSERT(false);
   }
 }
 
@@ -389,9 +596,11 @@ HWY_EXPORT(make_windows);
 HWY_EXPORT(sum_windows);
 HWY_EXPORT(combine_samples);
 HWY_EXPORT(combine_rows);
-HWY_EXPORT(reduce_sums);
+HWY_EXPORT(point_windows);
+HWY_EXPORT(store_texels);
 HWY_EXPORT(prefilter_rows);
 HWY_EXPORT(prefilter_columns);
+HWY_EXPORT(add_weighted);
 HWY_EXPORT(rotate_directions);
 
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
@@ -399,20 +608,26 @@ void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face,
   HWY_DYNAMIC_DISPATCH(make_windows)(maps, kernel, n, face, u, v, weight, windows);
 }
 
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, int targets, float* sums) {
-  HWY_DYNAMIC_DISPATCH(sum_windows)(kernel, channels, n, windows, targets, sums);
+int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows) {
+  return HWY_DYNAMIC_DISPATCH(point_windows)(field, channels, face, begin, n, windows);
 }
 
-void combine_samples(int n, int step, int count, const float* weight, const float* in, float* out) {
-  HWY_DYNAMIC_DISPATCH(combine_samples)(n, step, count, weight, in, out);
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out) {
+  HWY_DYNAMIC_DISPATCH(sum_windows)(kernel, channels, n, windows, weight, out);
 }
 
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out) {
   HWY_DYNAMIC_DISPATCH(combine_rows)(n, count, weight, rows, out);
 }
 
-void reduce_sums(int channels, int n, const float* sums, float* out) {
-  HWY_DYNAMIC_DISPATCH(reduce_sums)(channels, n, sums, out);
+void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,
+                     float* out) {
+  HWY_DYNAMIC_DISPATCH(combine_samples)(n, phases, step, taps, first, weight, in, out);
+}
+
+void store_texels(int n, const float* in, const float* total, const float lowest[4], int channels, int stored,
+                  float* to) {
+  HWY_DYNAMIC_DISPATCH(store_texels)(n, in, total, lowest, channels, stored, to);
 }
 
 void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work) {
@@ -421,6 +636,11 @@ void prefilter_rows(int channels, int width, int skip, const float* const in[8],
 
 void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
   HWY_DYNAMIC_DISPATCH(prefilter_columns)(n, rows, pitch, texels);
+}
+
+void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
+                  double* sums) {
+  HWY_DYNAMIC_DISPATCH(add_weighted)(channels, width, height, values, pitch, weights, sums);
 }
 
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z) {

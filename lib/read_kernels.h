@@ -13,6 +13,7 @@
 namespace envconv {
 
 inline constexpr int most_faces = 64;
+inline constexpr int most_taps = 6;
 inline constexpr int most_samples = 1104;  ///< of one batch
 inline constexpr int batch_room = most_samples + 16;
 
@@ -25,11 +26,20 @@ struct FaceMaps {
 struct Windows {
   alignas(64) std::int32_t x[batch_room], y[batch_room];  ///< texel of the tap that taps_before() counts up to
   alignas(64) float fx[batch_room], fy[batch_room];       ///< from that texel: [0, 1), or [-1/2, 1/2] when taps are odd
-  /// Weights of taps 0 to 3 and 4 to 7; those of absent taps are 0.  The vertical ones carry the sample's weight.
-  alignas(64) float wx[2][batch_room * 4], wy[2][batch_room * 4];
-  /// The caller's: the first tap of each window, and floats from row to row.
+  /// Weights of taps 0 to 3 and 4 to 7 along a row; those of absent taps are 0.
+  alignas(64) float wx[2][batch_room * 4];
+  /// Weights of taps along a column, by tap; they carry the sample's weight.
+  alignas(64) float wy[most_taps][batch_room];
+  /// Each window's first tap, and floats from row to row: by point_windows().
   const float* first[batch_room];
   std::ptrdiff_t pitch[batch_room];
+};
+
+/// A rectangle of texels in memory, by the texels that the windows inside of it may be about.
+struct WindowField {
+  int left, top, right, bottom;  ///< of Windows::x and y: [left, right) x [top, bottom)
+  const float* origin;           ///< of the window about (0, 0), were it there
+  std::ptrdiff_t pitch;          ///< floats from row to row
 };
 
 /// A sample's bilinear place: the texel left of and above it, and fractions in [0, 1).
@@ -48,18 +58,26 @@ inline Place place_of(const Windows& windows, int s) {
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows);
 
-/// sums[s % targets][16] += weighted sum over window s, or = where every sample has its own (targets >= n); lanes are
-/// to be added up by reduce_sums().  `channels` (3 or 4) floats a texel.  Loads reach up to 16 floats past a window's
-/// row.
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, int targets, float* sums);
+/// Points the windows from sample `begin` on at a field of `channels` floats a texel, up to the first sample that lies
+/// elsewhere: in another face or outside the field.  Returns that sample, or n.  At least one is pointed.
+int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows);
 
-/// out[i][16] = sum over k < count of weight[k] * in[i * step + k][16], for i < n.
-void combine_samples(int n, int step, int count, const float* weight, const float* in, float* out);
-/// out[i][16] = sum over k < count of weight[k] * rows[k][i][16], for i < n.
+/// out[i][4] = weighted sum over window i of `channels` (3 or 4) floats a texel; the fourth of three channels is
+/// weight[i], the one that was given to make_windows().  Loads reach up to 16 floats past a window's row.
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out);
+
+/// out[i] = sum over k < count of weight[k] * rows[k][i], for i < n; n rounded up to 16 are touched.
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);
 
-/// out[i][4] = the sums' lanes added up by channel; the fourth of 3 channels is 0.
-void reduce_sums(int channels, int n, const float* sums, float* out);
+/// Texels of four floats from samples of four floats: out[i][4] = sum over k < taps of weight[i % phases][k] *
+/// in[i / phases * step + first[i % phases] + k][4], for i < n.
+void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,
+                     float* out);
+
+/// to[i][channels] = in[i][4] / total, where total is total[i], or in[i][3] when total is null; not below lowest[c].
+/// Other channels of `to`, which is `stored` floats a texel, are not touched.
+void store_texels(int n, const float* in, const float* total, const float lowest[4], int channels, int stored,
+                  float* to);
 
 /// Rows of texels through the prefilter's recursion: 8 rows (in[k] of `width` texels) to out[k], of which only texels
 /// [skip, width - skip) are written, from out[k] on, and up to 4 floats more.  work: room for width * 32 floats.
@@ -67,6 +85,12 @@ void prefilter_rows(int channels, int width, int skip, const float* const in[8],
 
 /// Columns likewise, in place: `rows` rows of n floats, `pitch` floats apart; n rounded up to 16 are touched.
 void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
+
+/// Over a rectangle of texels: sums[c] += w v, sums[channels + c] += w |v|, sums[2 channels] += w, with values
+/// v[height][width][channels], `pitch` floats from row to row, and weights w[height][width] >= 0; what has no weight
+/// may be no number.  channels: 1 to 4.
+void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
+                  double* sums);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);

@@ -27,6 +27,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <limits>
@@ -50,9 +51,13 @@ namespace {
 
 constexpr int largest_tile = 64, tile_rows = 64;            // of a tile
 constexpr int tallest_face = 1 << 24;                       // more texels than any memory
-constexpr double sliver_limit = 2.0;                        // longest side over shortest that the sampling follows
+constexpr double sliver_limit = 1.375;                      // longest side over shortest that the sampling follows
 constexpr std::size_t block_memory = std::size_t{8} << 20;  // bytes of prefiltered blocks that a thread keeps
-constexpr int sliver_samples = 24;                          // samples a side where highlights lie on slivers
+constexpr double grid_spacing = 0.88;                       // largest step of a grid, in source texels
+constexpr double direct_ratio = 3.5;            // source texels in a texel from which no prefilter is needed
+constexpr double direct_spacing = 1.1;          // largest step of a grid there
+constexpr int most_ring = most_grid_steps + 6;  // rows of samples that a texel takes
+constexpr int sliver_samples = 24;              // samples a side where highlights lie on slivers
 
 struct Tile {
   int face, x0, y0, width, height;
@@ -64,6 +69,10 @@ struct Tile {
 struct TilePlan {
   static constexpr int nodes_x = 5, nodes_y = 5;
   double density[nodes_y][nodes_x];
+  double need_u = 0, need_v = 0;  // source texels along a texel's sides, at most
+  double least = 1e30;            // source texels that a texel is wide where it is narrowest
+  // A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
+  SourceWave wave_u, wave_v;
   int ku = 1, kv = 1;
   bool smooth = false;  // the density varies little enough to be sampled on a grid
 };
@@ -139,11 +148,19 @@ class Resampler {
       any = any || std::abs(share[c]) > 1e-6f;
     }
     if (!any) return;
+    // A row's values take their channels' shares in turn: twelve at once, a whole number of texels of 1 to 4 channels.
+    constexpr int period = 12;
+    const bool periodic = channels <= 4;
+    float shares[period];
+    for (int i = 0; periodic && i < period; ++i) shares[i] = share[static_cast<std::size_t>(i % channels)];
     for (Image& face : out.faces)
       tbb::parallel_for(0, face.height(), [&](int y) {
-        float* p = face.row(y);
-        for (int x = 0; x < face.width(); ++x)
-          for (int c = 0; c < channels; ++c, ++p) *p += share[static_cast<std::size_t>(c)] * std::abs(*p);
+        float* __restrict p = face.row(y);
+        const std::ptrdiff_t n = static_cast<std::ptrdiff_t>(face.width()) * channels;
+        std::ptrdiff_t at = 0;
+        for (; periodic && at + period <= n; at += period)
+          for (int i = 0; i < period; ++i) p[at + i] += shares[i] * std::abs(p[at + i]);
+        for (; at < n; ++at) p[at] += share[static_cast<std::size_t>(at % channels)] * std::abs(p[at]);
       });
   }
 
@@ -239,7 +256,7 @@ class Resampler {
     TilePlan plan;
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const double eu = texel_extent(face.width(), out.placement), ev = texel_extent(face.height(), out.placement);
-    double need_u = 0, need_v = 0;
+    int waves = 0;
     for (int j = 0; j < TilePlan::nodes_y; ++j)
       for (int i = 0; i < TilePlan::nodes_x; ++i) {
         const double u =
@@ -265,14 +282,36 @@ class Resampler {
         if (!(wide > 0) || !std::isfinite(wide)) continue;
         const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
         const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
-        const auto texels = [&](Vec3 t) {
-          const double l = dot(t, along), all = dot(t, t);
-          return std::sqrt(l * l / (wide * wide) + std::max(0.0, all - l * l) / (thin * thin));
+        // A side of the output's texel in the source's, along these and across.
+        const Vec3 across = cross(normalize(d), along);
+        struct Side {
+          double along, across;
+          double squared() const { return along * along + across * across; }
         };
-        const double nu = texels(tu), nv = texels(tv);
-        if (std::isfinite(nu)) need_u = std::max(need_u, nu);
-        if (std::isfinite(nv)) need_v = std::max(need_v, nv);
+        const Side su{dot(tu, along) / wide, dot(tu, across) / thin}, sv{dot(tv, along) / wide, dot(tv, across) / thin};
+        const double nu = std::sqrt(su.squared()), nv = std::sqrt(sv.squared());
+        if (std::isfinite(nu)) plan.need_u = std::max(plan.need_u, nu);
+        if (std::isfinite(nv)) plan.need_v = std::max(plan.need_v, nv);
+        const double area = su.along * sv.across - su.across * sv.along, both = su.squared() + sv.squared();
+        const double narrow = std::sqrt(0.5 * (both - std::sqrt(std::max(0.0, both * both - 4 * area * area))));
+        if (std::isfinite(narrow)) plan.least = std::min(plan.least, narrow);
+        // Both sides in the source's rows and columns, and the wave vectors q with q.tu = 1, q.tv = 0 and vice versa.
+        const double gram = aa * bb - ab * ab;
+        const auto texels = [&](Vec3 t) {
+          const double x = dot(t, a), y = dot(t, b);
+          return std::pair{(x * bb - y * ab) / gram, (y * aa - x * ab) / gram};
+        };
+        const auto [ux, uy] = texels(tu);
+        const auto [vx, vy] = texels(tv);
+        const double turn = ux * vy - uy * vx;
+        const SourceWave qu{std::abs(vy / turn), std::abs(vx / turn)}, qv{std::abs(uy / turn), std::abs(ux / turn)};
+        if (!std::isfinite(qu.along + qu.across + qv.along + qv.across)) continue;
+        ++waves;
+        plan.wave_u.along += qu.along, plan.wave_u.across += qu.across;
+        plan.wave_v.along += qv.along, plan.wave_v.across += qv.across;
       }
+    for (SourceWave* wave : {&plan.wave_u, &plan.wave_v})
+      if (waves > 0) wave->along /= waves, wave->across /= waves;
     double least = plan.density[0][0], most = least;
     for (const auto& row : plan.density)
       for (const double density : row) least = std::min(least, density), most = std::max(most, density);
@@ -285,8 +324,8 @@ class Resampler {
         const double wanted = std::ceil(texels * filter_.window / filter_.spacing - 0.02);
         return std::max(filter_.least_samples, static_cast<int>(std::min(wanted, 4096.0)));
       };
-      plan.ku = samples(need_u);
-      plan.kv = samples(need_v);
+      plan.ku = samples(plan.need_u);
+      plan.kv = samples(plan.need_v);
     }
     if (tile.slivers) plan.ku = std::max(plan.ku, sliver_samples), plan.kv = std::max(plan.kv, sliver_samples);
     return plan;
@@ -301,29 +340,26 @@ class Resampler {
     Windows windows;
     alignas(64) float u[batch_room], v[batch_room], x[batch_room], y[batch_room], z[batch_room], face[batch_room],
         su[batch_room], sv[batch_room], weight[batch_room];
-    alignas(64) float sums[largest_tile * 16];
-    float total[largest_tile];
-    float row[largest_tile * 4];
-    // Of the grid: a row of samples, and the last rows combined along u.
-    alignas(64) float samples[most_samples * 16];
-    static constexpr int most_rows = most_grid_steps + 2 * GridQuadrature::halo;
-    alignas(64) float combined[most_rows][largest_tile * 16];
-    float combined_density[most_rows][largest_tile];
+    alignas(64) float samples[batch_room * 4];  // of a batch
+    float total[batch_room];
+    alignas(64) float row[largest_tile * 4];
+    // Of the grid: the last rows of samples, four floats each, and their densities; and those combined to a row.
+    std::vector<float> samples_rows, density_rows, combined, combined_density;
   };
 
   // The samples' directions to windows that point at texels.
-  void find_windows(const Source& source, Workspace& w, int count) const {
+  void find_windows(const Source& source, Kernel kernel, Workspace& w, int count) const {
     const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
     rotate_directions(matrix_, padded, w.x, w.y, w.z);
     source.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
-    make_windows(source.maps(), filter_.kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
+    make_windows(source.maps(), kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
   }
 
-  void point(const Source& source, Workspace& w, int count) const {
-    if (w.blocks)
+  static void point(const Source& source, Kernel kernel, Workspace& w, int count) {
+    if (kernel == Kernel::band_limited)
       w.blocks->point(count, w.face, w.windows);
     else
-      source.point(filter_.kernel, count, w.face, w.windows);
+      source.point(kernel, count, w.face, w.windows);
   }
 
   // Density relative to neighbours at n equal steps along a row of the tile: bilinear between the plan's nodes, and on
@@ -349,74 +385,96 @@ class Resampler {
 
   // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when a highlight is met: those
   // are received with positive weights only.
-  bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, EnvImage& out,
-                 int first_channel) {
+  bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, const GridQuadrature& qu,
+                 const GridQuadrature& qv, EnvImage& out, int first_channel) {
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-    const GridQuadrature &qu = grid(plan.ku), &qv = grid(plan.kv);
-    constexpr int halo = GridQuadrature::halo;
     const Highlights& highlights = source.highlights();
     const bool even = out.layout->info().equal_area;
-    const int nu = tile.width * plan.ku + 2 * halo, nv = tile.height * plan.kv + 2 * halo;
-    const int ring = plan.kv + 2 * halo;
-    const double step_u = 1.0 / plan.ku, first_u = (0.5 - halo) * step_u;
-    const std::size_t padded = (static_cast<std::size_t>(nu) + 15) / 16 * 16;
+    const Kernel kernel = plan.least >= direct_ratio ? Kernel::drooping : Kernel::band_limited;
+    const bool apart = source.channels() == 4;  // three channels leave a float for the density
+    const int nu = qu.samples(tile.width), nv = qv.samples(tile.height), ring = qv.taps;
+    const auto padded = (static_cast<std::size_t>(nu) + 15) / 16 * 16;
+    const double step_u = static_cast<double>(qu.texels) / qu.steps, first_u = (0.5 - qu.before()) * step_u;
+    const double step_v = static_cast<double>(qv.texels) / qv.steps;
+    const auto room = [](std::vector<float>& v, std::size_t n) {
+      if (v.size() < n) v.resize(n);
+    };
+    room(w.samples_rows, static_cast<std::size_t>(ring) * padded * 4), room(w.combined, padded * 4);
+    room(w.density_rows, static_cast<std::size_t>(ring) * padded), room(w.combined_density, padded);
     const double u = u_from_texel(tile.x0 - 0.5 + first_u, face.width(), out.placement);
     const double du = texel_extent(face.width(), out.placement) * step_u;
     for (int i = 0; i < nu; ++i) w.u[i] = static_cast<float>(u + i * du);
     std::fill(w.u + nu, w.u + padded, w.u[0]);
     std::fill_n(w.weight, padded, 1.0f);
+    float lowest[4];
+    lowest_values(source, lowest);
+    const int stored = source_.channels.count(), channels = std::min(4, stored - first_channel);
+    int texel = 0;  // row of the tile that is next
     for (int row = 0; row < nv; ++row) {
-      const double y = (row - halo + 0.5) / plan.kv;
+      const double y = (row - qv.before() + 0.5) * step_v;
       const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out.placement));
       std::fill_n(w.v, padded, v);
       if (!even) densities(plan, tile, first_u, step_u, y, nu, w.weight);
       out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-      find_windows(source, w, nu);
+      find_windows(source, kernel, w, nu);
       if (highlights.any()) {
         for (int s = 0; s < nu; ++s) {
           const Place p = place_of(w.windows, s);
           if (highlights.reach(source.faces()[static_cast<std::size_t>(w.face[s])], p.x, p.y)) return false;
         }
       }
-      point(source, w, nu);
-      sum_windows(filter_.kernel, source.channels(), nu, w.windows, nu, w.samples);
-      float* combined = w.combined[row % ring];
-      combine_samples(tile.width, plan.ku, plan.ku + 2 * halo, qu.weight.data(), w.samples, combined);
-      float* density = w.combined_density[row % ring];
-      std::fill_n(density, tile.width, 0.0f);
-      for (int k = 0; k < plan.ku + 2 * halo; ++k) {
-        const float weight = qu.weight[static_cast<std::size_t>(k)];
-        const float* from = w.weight + k;
-        for (int i = 0; i < tile.width; ++i) density[i] += weight * from[i * plan.ku];
+      point(source, kernel, w, nu);
+      const auto slot = static_cast<std::size_t>(row % ring);
+      sum_windows(kernel, source.channels(), nu, w.windows, w.weight, w.samples_rows.data() + slot * padded * 4);
+      if (apart) std::copy_n(w.weight, padded, w.density_rows.data() + slot * padded);
+      for (; texel < tile.height; ++texel) {
+        const auto phase = static_cast<std::size_t>(texel % qv.texels);
+        const int top = texel / qv.texels * qv.steps + qv.first[phase] + qv.before();
+        if (top + ring > row + 1) break;
+        const float *rows[most_ring], *density[most_ring];
+        for (int k = 0; k < ring; ++k) {
+          const auto at = static_cast<std::size_t>((top + k) % ring);
+          rows[k] = w.samples_rows.data() + at * padded * 4;
+          density[k] = w.density_rows.data() + at * padded;
+        }
+        const float* weight = qv.weight.data() + phase * static_cast<std::size_t>(ring);
+        combine_rows(4 * nu, ring, weight, rows, w.combined.data());
+        const float* into = w.combined.data() + 4 * static_cast<std::ptrdiff_t>(qu.before());
+        combine_samples(tile.width, qu.texels, qu.steps, qu.taps, qu.first.data(), qu.weight.data(), into, w.row);
+        if (apart) {
+          combine_rows(nu, ring, weight, density, w.combined_density.data());
+          combine_densities(qu, tile.width, w.combined_density.data() + qu.before(), w.total);
+        }
+        store_texels(tile.width, w.row, apart ? w.total : nullptr, lowest, channels, stored,
+                     face.at(tile.x0, tile.y0 + texel) + first_channel);
       }
-      const int top = row + 1 - ring;  // first of the rows that a texel takes
-      if (top < 0 || top % plan.kv) continue;
-      const float* rows[Workspace::most_rows];
-      std::fill_n(w.total, tile.width, 0.0f);
-      for (int k = 0; k < ring; ++k) {
-        const int at = (top + k) % ring;
-        rows[k] = w.combined[at];
-        const float weight = qv.weight[static_cast<std::size_t>(k)];
-        for (int i = 0; i < tile.width; ++i) w.total[i] += weight * w.combined_density[at][i];
-      }
-      combine_rows(tile.width, ring, qv.weight.data(), rows, w.sums);
-      reduce_sums(source.channels(), tile.width, w.sums, w.row);
-      store_row(source, w, tile, top / plan.kv, face, first_channel);
     }
+    ENVCONV_ASSERT(texel == tile.height);
     return true;
+  }
+
+  static void combine_densities(const GridQuadrature& q, int n, const float* in, float* out) {
+    for (int i = 0; i < n; ++i) {
+      const auto phase = static_cast<std::size_t>(i % q.texels);
+      const float* from = in + i / q.texels * q.steps + q.first[phase];
+      const float* weight = q.weight.data() + phase * static_cast<std::size_t>(q.taps);
+      out[i] = 0;
+      for (int k = 0; k < q.taps; ++k) out[i] += weight[k] * from[k];
+    }
+  }
+
+  // A limited filter does not go below black where the source never does.
+  void lowest_values(const Source& source, float lowest[4]) const {
+    for (int c = 0; c < 4; ++c)
+      lowest[c] = filter_.limited ? std::min(source.lowest()[c], 0.0f) : -std::numeric_limits<float>::infinity();
   }
 
   // w.row over w.total to row j of the tile.
   void store_row(const Source& source, Workspace& w, const Tile& tile, int j, Image& face, int first_channel) const {
     const int stored = source_.channels.count(), channels = std::min(4, stored - first_channel);
-    float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
-    for (int i = 0; i < tile.width; ++i, to += stored)
-      for (int c = 0; c < channels; ++c) {
-        float value = w.row[4 * i + c] / w.total[i];
-        // A limited filter does not go below black where the source never does.
-        if (filter_.limited) value = std::max(value, std::min(source.lowest()[c], 0.0f));
-        to[c] = value;
-      }
+    float lowest[4];
+    lowest_values(source, lowest);
+    store_texels(tile.width, w.row, w.total, lowest, channels, stored, face.at(tile.x0, tile.y0 + j) + first_channel);
   }
 
   // Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
@@ -495,7 +553,7 @@ class Resampler {
         const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
         ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
         out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-        find_windows(source, w, count);
+        find_windows(source, filter_.kernel, w, count);
         visit(count);
       }
     }
@@ -541,19 +599,65 @@ class Resampler {
     return *q;
   }
 
-  const GridQuadrature& grid(int steps) {
+  // For n texels whose sides are `need` source texels; nothing when that takes more steps than a grid has.
+  std::optional<GridQuadrature> grid(double need, const SourceWave& wave, Kernel kernel, int n) {
+    const double spacing = kernel == Kernel::drooping ? direct_spacing : grid_spacing;
+    int steps = options_.samples, texels = 1;
+    if (steps == 0) {
+      steps = 1;
+      while (need > spacing * steps / texels && steps <= most_grid_steps) {
+        // 1, 3/2, 2, 3, 4 ...
+        if (steps == 1 && n % 2 == 0)
+          steps = 3, texels = 2;
+        else
+          steps = steps / texels + 1, texels = 1;
+      }
+    }
+    if (steps > most_grid_steps) return std::nullopt;
+    // In steps' source texels, rounded, so that few tables serve all tiles.
+    const double density = static_cast<double>(steps) / texels;
+    const int length = std::max(1, static_cast<int>(std::ceil(8 * need / density - 0.25)));
+    if (kernel != Kernel::drooping) return table({steps, texels, length, 0, 0});
+    // What the kernel loses changes faster with the length of a step: between tables.
+    const auto split = [&](double wave, int& low) {
+      const double at = 8 * std::min(wave * density, 2.0);
+      low = static_cast<int>(at);
+      return static_cast<float>(at - low);
+    };
+    int along, across;
+    const float s = split(wave.along, along), t = split(wave.across, across);
+    GridQuadrature between = table({steps, texels, length, along, across});
+    const GridQuadrature &right = table({steps, texels, length, along + 1, across}),
+                         &below = table({steps, texels, length, along, across + 1}),
+                         &both = table({steps, texels, length, along + 1, across + 1});
+    for (std::size_t i = 0; i < between.weight.size(); ++i) {
+      const float top = between.weight[i] + s * (right.weight[i] - between.weight[i]);
+      between.weight[i] = top + t * (below.weight[i] + s * (both.weight[i] - below.weight[i]) - top);
+    }
+    return between;
+  }
+
+  // By steps, texels, and 8ths of a source texel: a step's length, and a step's wave along and across.
+  const GridQuadrature& table(const std::array<int, 5>& key) {
     const std::lock_guard lock(quadratures_mutex_);
-    auto& q = grids_[steps];
-    if (!q) q = std::make_unique<GridQuadrature>(grid_quadrature(steps));
+    auto& q = grids_[key];
+    if (!q) {
+      const double density = static_cast<double>(key[0]) / key[1];
+      q = std::make_unique<GridQuadrature>(
+          grid_quadrature(key[0], key[1], key[2] / 8.0 * density, {key[3] / 8.0 / density, key[4] / 8.0 / density}));
+    }
     return *q;
   }
 
   void first_pass(Source& source, Workspace& w, Tile& tile, EnvImage& out, int first_channel) {
     const TilePlan tile_plan = plan(source, tile, out);
     if (w.blocks) w.blocks->next_tile();
-    const bool on_grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers &&
-                         std::max(tile_plan.ku, tile_plan.kv) <= most_grid_steps;
-    if (on_grid && grid_pass(source, w, tile, tile_plan, out, first_channel)) return;
+    if (filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers) {
+      const Kernel kernel = tile_plan.least >= direct_ratio ? Kernel::drooping : Kernel::band_limited;
+      const std::optional<GridQuadrature> u = grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
+      const std::optional<GridQuadrature> v = grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
+      if (u && v && grid_pass(source, w, tile, tile_plan, *u, *v, out, first_channel)) return;
+    }
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     Highlights& highlights = source.highlights();
@@ -562,10 +666,11 @@ class Resampler {
       // A texel on a singular point may take millions of samples: batches are added up in double.
       double sum[largest_tile][4] = {};
       sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
-        point(source, w, count);
-        std::fill_n(w.sums, 16 * tile.width, 0.0f);
-        sum_windows(filter_.kernel, source.channels(), count, w.windows, tile.width, w.sums);
-        reduce_sums(source.channels(), tile.width, w.sums, w.row);
+        point(source, filter_.kernel, w, count);
+        sum_windows(filter_.kernel, source.channels(), count, w.windows, w.weight, w.samples);
+        std::fill_n(w.row, 4 * tile.width, 0.0f);
+        for (int s = 0; s < count; s += tile.width)
+          for (int i = 0; i < 4 * tile.width; ++i) w.row[i] += w.samples[4 * s + i];
         for (int i = 0; i < 4 * tile.width; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
         if (!highlights.any()) return;
         for (int s = 0; s < count; ++s) {
@@ -632,7 +737,7 @@ class Resampler {
   std::vector<Tile> tiles_;
   int tile_side_ = largest_tile;
   std::map<int, std::unique_ptr<Quadrature>> quadratures_;
-  std::map<int, std::unique_ptr<GridQuadrature>> grids_;
+  std::map<std::array<int, 5>, std::unique_ptr<GridQuadrature>> grids_;
   std::mutex quadratures_mutex_;
   std::atomic<bool> stopped_{false};
   double share_done_ = 0, share_step_ = 1;

@@ -92,14 +92,13 @@ void Sampler::radiance(Vec3 d, Vec3 du, Vec3 dv, float* out) const {
         std::fill_n(face, 16, static_cast<float>(at.face));
         std::fill_n(u, 16, static_cast<float>(at.u));
         std::fill_n(v, 16, static_cast<float>(at.v));
-        float sums[16] = {}, value[4];
+        float value[4];
         make_windows(source.maps(), state.filter.kernel, 1, face, u, v, w, windows);
         if (state.filter.kernel == Kernel::band_limited)
           std::as_const(state.groups[g]->blocks).point(1, face, windows);
         else
           source.point(state.filter.kernel, 1, face, windows);
-        sum_windows(state.filter.kernel, source.channels(), 1, windows, 1, sums);
-        reduce_sums(source.channels(), 1, sums, value);
+        sum_windows(state.filter.kernel, source.channels(), 1, windows, w, value);
         const Place place = place_of(windows, 0);
         source.add_highlights(at.face, place.x, place.y, place.fx, place.fy, value);
         for (std::size_t c = 0; c < 4 && 4 * g + c < sum.size(); ++c)

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "solid_angle.h"
 
-#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "assertion.h"
+#include "read_kernels.h"
 
 namespace envconv {
 namespace {
@@ -177,24 +177,30 @@ double integrate(const Grid& grid, Interval u, Interval v) {
 }
 
 // Lagrange basis on the nodes.
-std::array<double, 4> basis(double t) {
-  std::array<double, 4> b;
+constexpr std::array<double, 4> inverse_denominators = [] {
+  std::array<double, 4> inverse{};
   for (std::size_t k = 0; k < 4; ++k) {
-    b[k] = 1;
+    double product = 1;
     for (std::size_t m = 0; m < 4; ++m)
-      if (m != k) b[k] *= (t - nodes[m]) / (nodes[k] - nodes[m]);
+      if (m != k) product *= nodes[k] - nodes[m];
+    inverse[k] = 1 / product;
   }
-  return b;
+  return inverse;
+}();
+std::array<double, 4> basis(double t) {
+  const double a = t - nodes[0], b = t - nodes[1], c = t - nodes[2], d = t - nodes[3];
+  return {b * c * d * inverse_denominators[0], a * c * d * inverse_denominators[1], a * b * d * inverse_denominators[2],
+          a * b * c * inverse_denominators[3]};
 }
 
-// Integrals of the basis over n intervals of a block's extent.
-void basis_integrals(const double* bounds, int n, Interval block, std::array<double, 4>* out) {
+// Integrals of the basis over n intervals of a block's extent: out[function][interval].
+void basis_integrals(const double* bounds, int n, Interval block, double (*out)[most_block]) {
   constexpr double half = 0.28867513459481287;  // two Gauss-Legendre nodes, exact for cubics
   for (int i = 0; i < n; ++i) {
     const Interval cell{bounds[i], bounds[i + 1]};
     const auto b0 = basis((cell.at(0.5 - half) - block.lo) / block.length());
     const auto b1 = basis((cell.at(0.5 + half) - block.lo) / block.length());
-    for (std::size_t k = 0; k < 4; ++k) out[i][k] = 0.5 * (b0[k] + b1[k]) * cell.length();
+    for (std::size_t k = 0; k < 4; ++k) out[k][i] = 0.5 * (b0[k] + b1[k]) * cell.length();
   }
 }
 
@@ -223,16 +229,16 @@ void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double
     }
     if (smooth) {
       ENVCONV_ASSERT(nx <= most_block && ny <= most_block);
-      std::array<double, 4> bu[most_block], bv[most_block];
+      double bu[4][most_block], bv[4][most_block];
       basis_integrals(grid.u + x0, nx, u, bu);
       basis_integrals(grid.v + y0, ny, v, bv);
       for (int y = 0; y < ny; ++y) {
-        std::array<double, 4> column{};
+        double column[4] = {};
         for (std::size_t j = 0; j < 4; ++j)
-          for (std::size_t i = 0; i < 4; ++i) column[i] += bv[y][j] * nodal[j][i];
+          for (std::size_t i = 0; i < 4; ++i) column[i] += bv[j][y] * nodal[j][i];
+        double* to = out + static_cast<std::size_t>(y) * stride;
         for (int x = 0; x < nx; ++x)
-          out[static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x)] =
-              column[0] * bu[x][0] + column[1] * bu[x][1] + column[2] * bu[x][2] + column[3] * bu[x][3];
+          to[x] = column[0] * bu[0][x] + column[1] * bu[1][x] + column[2] * bu[2][x] + column[3] * bu[3][x];
       }
       return;
     }
@@ -300,61 +306,22 @@ void texel_solid_angles(const Layout& layout, int face, Size size, Placement pla
 
 namespace {
 
-// s[c] += w v, s[channels + c] += w |v|, s[2 channels] += w, over a row of texels.
-//
-// In floats over short runs, whose sums go on in double: three channels do not fit vectors, but runs of them do when
-// weights are repeated by channel.
-template <int channels>
-void add_row_of(const float* p, const double* w, int n, double* s) {
-  constexpr int run = 16, values = run * channels;
-  int x = 0;
-  for (; x + run <= n; x += run, p += values) {
-    float weight[values], sum[values], magnitude[values];
-    double total = 0, least = 1;
-    for (int i = 0; i < run; ++i) {
-      for (int c = 0; c < channels; ++c) weight[i * channels + c] = static_cast<float>(w[x + i]);
-      total += w[x + i];
-      least = std::min(least, w[x + i]);
+// s[c] += w v, s[channels + c] += w |v|, s[2 channels] += w, over a block of texels.
+void add_block(const Image& image, int x0, int y0, int nx, int ny, const double* w, double* s) {
+  const std::size_t channels = static_cast<std::size_t>(image.channels());
+  if (channels <= 4)
+    return add_weighted(image.channels(), nx, ny, image.at(x0, y0),
+                        static_cast<std::ptrdiff_t>(image.width()) * image.channels(), w, s);
+  for (int y = 0; y < ny; ++y) {
+    const float* p = image.at(x0, y0 + y);
+    for (int x = 0; x < nx; ++x, ++w, p += channels) {
+      if (*w == 0) continue;  // a texel that owns nothing may hold anything, NaN included
+      for (std::size_t c = 0; c < channels; ++c) {
+        s[c] += *w * static_cast<double>(p[c]);
+        s[channels + c] += *w * static_cast<double>(std::abs(p[c]));
+      }
+      s[2 * channels] += *w;
     }
-    if (least == 0) {
-      // A texel that owns nothing may hold anything, NaN included.
-      for (int i = 0; i < values; ++i) sum[i] = weight[i] == 0 ? 0 : weight[i] * p[i];
-    } else {
-      for (int i = 0; i < values; ++i) sum[i] = weight[i] * p[i];
-    }
-    for (int i = 0; i < values; ++i) magnitude[i] = std::abs(sum[i]);
-    for (int c = 0; c < channels; ++c) {
-      double a = 0, b = 0;
-      for (int i = c; i < values; i += channels)
-        a += static_cast<double>(sum[i]), b += static_cast<double>(magnitude[i]);
-      s[c] += a, s[channels + c] += b;
-    }
-    s[2 * channels] += total;
-  }
-  for (; x < n; ++x, p += channels) {
-    if (w[x] == 0) continue;
-    for (int c = 0; c < channels; ++c) {
-      s[c] += w[x] * static_cast<double>(p[c]);
-      s[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
-    }
-    s[2 * channels] += w[x];
-  }
-}
-
-void add_row(const float* p, const double* w, int n, std::size_t channels, double* s) {
-  switch (channels) {
-    case 1: return add_row_of<1>(p, w, n, s);
-    case 3: return add_row_of<3>(p, w, n, s);
-    case 4: return add_row_of<4>(p, w, n, s);
-    default: break;
-  }
-  for (int x = 0; x < n; ++x, p += channels) {
-    if (w[x] == 0) continue;
-    for (std::size_t c = 0; c < channels; ++c) {
-      s[c] += w[x] * static_cast<double>(p[c]);
-      s[channels + c] += w[x] * static_cast<double>(std::abs(p[c]));
-    }
-    s[2 * channels] += w[x];
   }
 }
 
@@ -363,8 +330,6 @@ void add_row(const float* p, const double* w, int n, std::size_t channels, doubl
 SphereMean sphere_mean(const EnvImage& image) {
   const std::size_t channels = static_cast<std::size_t>(image.channels.count()), sums = 2 * channels + 1;
   std::vector<double> sum(sums, 0.0);
-  // Kept by threads from band to band: fresh megabytes for each would be cleared by the system every time.
-  tbb::enumerable_thread_specific<std::vector<double>> buffers;
   for (int f = 0; f < image.layout->face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
     const Size size{face.width(), face.height()};
@@ -374,13 +339,13 @@ SphereMean sphere_mean(const EnvImage& image) {
     std::vector<double> partial(static_cast<std::size_t>(bands) * sums, 0.0);
     tbb::parallel_for(0, bands, [&](int band) {
       const int y0 = band * band_rows, ny = std::min(band_rows, size.height - y0);
-      std::vector<double>& omega = buffers.local();
-      omega.resize(static_cast<std::size_t>(ny) * static_cast<std::size_t>(size.width));
-      texel_solid_angles(*image.layout, f, size, image.placement, 0, y0, size.width, ny, omega.data());
       double* s = &partial[static_cast<std::size_t>(band) * sums];
-      for (int y = 0; y < ny; ++y) {
-        const double* w = &omega[static_cast<std::size_t>(y) * static_cast<std::size_t>(size.width)];
-        add_row(face.row(y0 + y), w, size.width, channels, s);
+      // So few at once that they stay in the cache.
+      double omega[most_block * most_block];
+      for (int x0 = 0; x0 < size.width; x0 += most_block) {
+        const int nx = std::min(most_block, size.width - x0);
+        texel_solid_angles(*image.layout, f, size, image.placement, x0, y0, nx, ny, omega);
+        add_block(face, x0, y0, nx, ny, omega, s);
       }
     });
     for (std::size_t b = 0; b < static_cast<std::size_t>(bands); ++b)

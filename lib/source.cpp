@@ -201,24 +201,35 @@ const Strip& Source::strip_at(int face, int x, int y) const {
 }
 
 void Source::point(Kernel kernel, int n, const float* face, Windows& windows) const {
-  const int before = taps_before(kernel), after = taps(kernel) - 1 - before;
-  for (int i = 0; i < n; ++i) {
-    const int f = static_cast<int>(face[i]);
-    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
-    const int x = windows.x[i] - before, y = windows.y[i] - before;
-    const int last_x = windows.x[i] + after, last_y = windows.y[i] + after;
-    if (x >= apron_ && last_x < apron_ + s.size.width && y >= apron_ && last_y < apron_ + s.size.height) [[likely]] {
-      windows.first[i] = s.pixels + (y - apron_) * s.pitch + (x - apron_) * channels_;
-      windows.pitch[i] = s.pitch;
-      continue;
-    }
-    const Strip* strip = nullptr;
-    for (const Strip& candidate : strips_[static_cast<std::size_t>(f)])
-      if (candidate.holds(x, y) && candidate.holds(last_x, last_y)) strip = &candidate;
-    ENVCONV_ASSERT(strip);
-    windows.first[i] = strip->pixels.at(x - strip->x, y - strip->y);
-    windows.pitch[i] = static_cast<std::ptrdiff_t>(strip->pixels.width()) * channels_;
+  for (int i = 0; i < n;) {
+    const WindowField field = field_about(kernel, static_cast<int>(face[i]), windows.x[i], windows.y[i]);
+    i = point_windows(field, channels_, face, i, n, windows);
   }
+}
+
+// The face's own pixels or the strip that hold the kernel's window about padded texel (x, y).
+WindowField Source::field_about(Kernel kernel, int face, int x, int y) const {
+  const int before = taps_before(kernel), after = taps(kernel) - 1 - before;
+  const auto field = [&](int left, int top, int width, int height, const float* pixels, std::ptrdiff_t pitch) {
+    return WindowField{left + before,
+                       top + before,
+                       left + width - after,
+                       top + height - after,
+                       pixels - (top + before) * pitch - (left + before) * channels_,
+                       pitch};
+  };
+  const auto holds = [&](const WindowField& f) { return x >= f.left && x < f.right && y >= f.top && y < f.bottom; };
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  const WindowField inside = field(apron_, apron_, s.size.width, s.size.height, s.pixels, s.pitch);
+  if (holds(inside)) [[likely]]
+    return inside;
+  for (const Strip& strip : strips_[static_cast<std::size_t>(face)]) {
+    const WindowField f = field(strip.x, strip.y, strip.pixels.width(), strip.pixels.height(), strip.pixels.data(),
+                                static_cast<std::ptrdiff_t>(strip.pixels.width()) * channels_);
+    if (holds(f)) return f;
+  }
+  ENVCONV_ASSERT(false);
+  return inside;
 }
 
 void Source::copy_row(int face, int x, int y, int count, float* out) const {
@@ -251,6 +262,15 @@ void Source::copy_row(int face, int x, int y, int count, float* out) const {
       if (block->split[k]) std::copy_n(block->base[k], channels_, out + (i - x) * channels_);
     }
   }
+}
+
+const float* Source::row_in_place(int face, int x, int y, int count) const {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  if (!in_face(s, x, y) || !in_face(s, x + count - 1, y)) return nullptr;
+  if (highlights_.any())
+    for (int block_x = x / Highlights::side * Highlights::side; block_x < x + count; block_x += Highlights::side)
+      if (highlights_.block_at(s, block_x, y)) return nullptr;
+  return pixel(s, x, y);
 }
 
 Source::Texel Source::read(int face, int x, int y) const {

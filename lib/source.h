@@ -136,6 +136,9 @@ class Source {
   /// Copies `count` padded texels of a row, channels() floats each, highlights replaced by their bases.
   void copy_row(int face, int x, int y, int count, float* out) const;
 
+  /// The same texels where they are, when they lie in one piece and none is a highlight; else nullptr.
+  const float* row_in_place(int face, int x, int y, int count) const;
+
   /// value[4] += the excess read bilinearly at fractions (fx, fy) right of and below padded texel (x, y).
   void add_highlights(int face, int x, int y, float fx, float fy, float* value) const;
 
@@ -175,6 +178,7 @@ class Source {
     return face.pixels + (y - apron_) * face.pitch + (x - apron_) * channels_;
   }
   const Strip& strip_at(int face, int x, int y) const;
+  WindowField field_about(Kernel kernel, int face, int x, int y) const;
   Texel read(int face, int x, int y) const;
   void write(const Orphan& orphan, const Texel& value);
   Highlights::Block* block_at(int face, int x, int y, bool create);

@@ -95,9 +95,13 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
     const float* in[abreast];
     float* out[abreast];
     for (int k = 0; k < abreast; ++k) {
-      float* to = rows_.data() + static_cast<std::size_t>(k) * row_floats;
-      source_->copy_row(f, x, y + std::min(j + k, high - 1), wide, to);
-      in[k] = to;
+      const int row_y = y + std::min(j + k, high - 1);
+      in[k] = source_->row_in_place(f, x, row_y, wide);
+      if (!in[k]) {
+        float* to = rows_.data() + static_cast<std::size_t>(k) * row_floats;
+        source_->copy_row(f, x, row_y, wide, to);
+        in[k] = to;
+      }
       out[k] = slot.texels.data() + static_cast<std::size_t>(j + k) * pitch;
     }
     prefilter_rows(channels, wide, margin, in, out, work_.data());
@@ -114,29 +118,22 @@ void SourceBlocks::make_all() {
 template <class Find>
 void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Find& find) const {
   const int channels = source_->channels(), apron = source_->apron(), before = taps_before(Kernel::band_limited);
-  int left = 0, right = 0, top = 0, bottom = 0;  // of the block, in padded texels
-  float of_face = -1;
-  const float* origin = nullptr;
-  std::ptrdiff_t pitch = 0;
-  for (int i = 0; i < n; ++i) {
-    const int x = windows.x[i], y = windows.y[i];
-    if (x < left || x >= right || y < top || y >= bottom || face[i] != of_face) {
-      const Slot& slot = find(block_of(static_cast<int>(face[i]), x, y));
-      of_face = face[i];
-      left = slot.x + reach, top = slot.y + margin + reach;
-      // A sample on the very edge may be nearest to a texel of the apron.
-      right = left + side, bottom = top + side;
-      const SourceFace& f = source_->faces()[static_cast<std::size_t>(of_face)];
-      if (right >= apron + f.size.width) right = apron + f.size.width + 1;
-      if (bottom >= apron + f.size.height) bottom = apron + f.size.height + 1;
-      if (left == apron) --left;
-      if (top == apron) --top;
-      pitch = static_cast<std::ptrdiff_t>(slot.texels.width()) * channels;
-      origin = slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels;
-    }
-    ENVCONV_ASSERT(x >= left && x < right && y >= top && y < bottom);
-    windows.first[i] = origin + y * pitch + x * channels;
-    windows.pitch[i] = pitch;
+  for (int i = 0; i < n;) {
+    const Slot& slot = find(block_of(static_cast<int>(face[i]), windows.x[i], windows.y[i]));
+    const std::ptrdiff_t pitch = static_cast<std::ptrdiff_t>(slot.texels.width()) * channels;
+    WindowField field{slot.x + reach,
+                      slot.y + margin + reach,
+                      slot.x + reach + side,
+                      slot.y + margin + reach + side,
+                      slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels,
+                      pitch};
+    // A sample on the very edge may be nearest to a texel of the apron.
+    const SourceFace& f = source_->faces()[static_cast<std::size_t>(face[i])];
+    if (field.right >= apron + f.size.width) field.right = apron + f.size.width + 1;
+    if (field.bottom >= apron + f.size.height) field.bottom = apron + f.size.height + 1;
+    if (field.left == apron) --field.left;
+    if (field.top == apron) --field.top;
+    i = point_windows(field, channels, face, i, n, windows);
   }
 }
 

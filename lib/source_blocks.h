@@ -21,8 +21,9 @@ namespace envconv {
 /// Blocks of one source.  Not for several threads at once, unless all blocks were made before (make_all()).
 class SourceBlocks {
  public:
-  /// Texels that a recursion runs over before it is used: the larger pole to this power is 2e-5.
-  static constexpr int margin = 20;
+  /// Texels that a recursion runs over before it is used: the larger pole to this power is 2e-4,
+  /// of what the row's beginning differs from a row that goes on like it.
+  static constexpr int margin = 16;
 
   /// `source` must outlive the blocks.  At most `most` blocks are kept, or as many as one tile needs.
   SourceBlocks(const Source& source, std::size_t most);
