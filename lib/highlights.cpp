@@ -83,7 +83,7 @@ std::uint64_t* Source::received_at(int face, int x, int y) {
   return block ? &block->received[Highlights::place(x, y)] : nullptr;
 }
 
-void Source::split_highlights() {
+void Source::split_highlights(const EnvImage& image) {
   const auto brightness = [](const float* t) { return std::max({std::abs(t[0]), std::abs(t[1]), std::abs(t[2])}); };
   Histogram histogram;
   std::size_t total = 0;
@@ -105,15 +105,13 @@ void Source::split_highlights() {
   };
   std::vector<Found> found;
   std::fill_n(lowest_, 4, std::numeric_limits<float>::max());
+  const std::vector<std::vector<RowRange>> ranges = survey(image);
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const SourceFace& s = faces_[f];
     std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
-    std::vector<Texel> low(rows.size());
     tbb::parallel_for(0, s.size.height, [&](int j) {
       const int y = j + apron_;
-      const RowRange range = range_of(s, j);
-      low[static_cast<std::size_t>(j)] = range.low;
-      if (range.brightest <= threshold_) return;
+      if (ranges[f][static_cast<std::size_t>(j)].brightest <= threshold_) return;
       for (int x = apron_; x < apron_ + s.size.width; ++x) {
         const float* t = pixel(s, x, y);
         if (brightness(t) <= threshold_) continue;
@@ -138,8 +136,8 @@ void Source::split_highlights() {
       }
     });
     for (const auto& row : rows) found.insert(found.end(), row.begin(), row.end());
-    for (const Texel& row : low)
-      for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], row[c]);
+    for (const RowRange& row : ranges[f])
+      for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], row.low[c]);
   }
   for (const Found& h : found) {
     const float* t = pixel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);

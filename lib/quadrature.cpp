@@ -86,13 +86,15 @@ std::vector<double> least_squares(std::vector<std::vector<double>> columns, std:
 
 namespace {
 
-// The weights of samples at x[] texels from a texel's centre.
-std::vector<double> wave_weights(const std::vector<double>& x, double steps_per_texel, double source_texels,
-                                 const SourceWave& wave) {
+// The weights of samples at x[] texels from a texel's centre; where these lie symmetrically, so do the weights.
+std::vector<double> wave_weights(const std::vector<double>& x, bool symmetric, double steps_per_texel,
+                                 double source_texels, const SourceWave& wave) {
+  constexpr int waves = 160;
   const double band = 0.5 * source_texels;  // waves per texel
-  // The last weight follows from the sum of all, which is 1.
-  constexpr int waves = 200;
-  const std::size_t free = x.size() - 1;
+  // Unknowns: weights, or pairs of them; the last follows from the sum of all, which is 1.
+  const std::size_t unknowns = symmetric ? (x.size() + 1) / 2 : x.size(), free = unknowns - 1;
+  const auto multiplicity = [&](std::size_t j) { return symmetric && 2 * j + 1 != x.size() ? 2.0 : 1.0; };
+  const double last = multiplicity(free);
   std::vector<std::vector<double>> columns(free);
   std::vector<double> b;
   for (int i = 0; i < waves; ++i) {
@@ -102,15 +104,19 @@ std::vector<double> wave_weights(const std::vector<double>& x, double steps_per_
     const double k = 2 * M_PI * f, truth = std::sin(0.5 * k) / (0.5 * k);
     const double height = drooping_height(k * wave.along) * drooping_height(k * wave.across);
     for (const bool odd : {false, true}) {
-      const auto wave_at = [&](double at) { return height * (odd ? std::sin(k * at) : std::cos(k * at)); };
-      for (std::size_t j = 0; j < free; ++j) columns[j].push_back(importance * (wave_at(x[j]) - wave_at(x[free])));
-      b.push_back(importance * ((odd ? 0 : truth) - wave_at(x[free])));
+      if (odd && symmetric) continue;
+      const auto wave_at = [&](std::size_t j) { return height * (odd ? std::sin(k * x[j]) : std::cos(k * x[j])); };
+      const double of_last = wave_at(free);
+      for (std::size_t j = 0; j < free; ++j)
+        columns[j].push_back(importance * multiplicity(j) * (wave_at(j) - of_last));
+      b.push_back(importance * ((odd ? 0 : truth) - of_last));
     }
   }
   std::vector<double> w = least_squares(std::move(columns), std::move(b));
   double sum = 0;
-  for (const double v : w) sum += v;
-  w.push_back(1 - sum);
+  for (std::size_t j = 0; j < free; ++j) sum += multiplicity(j) * w[j];
+  w.push_back((1 - sum) / last);
+  for (std::size_t j = unknowns; j < x.size(); ++j) w.push_back(w[x.size() - 1 - j]);
   return w;
 }
 
@@ -134,10 +140,7 @@ GridQuadrature grid_quadrature(int steps, int texels, double source_texels, cons
     }
     std::vector<double> x;
     for (int j = 0; j < q.taps; ++j) x.push_back((q.first.back() + j - centre) / density);
-    std::vector<double> w = wave_weights(x, density, source_texels, wave);
-    if (mirrored == phase)
-      for (std::size_t j = 0, k = w.size() - 1; j < k; ++j, --k) w[j] = w[k] = 0.5 * (w[j] + w[k]);
-    weights.push_back(std::move(w));
+    weights.push_back(wave_weights(x, mirrored == phase, density, source_texels, wave));
   }
   for (const auto& w : weights)
     for (const double v : w) q.weight.push_back(static_cast<float>(v));

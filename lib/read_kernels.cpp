@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "assertion.h"
 
@@ -341,21 +342,30 @@ void combine_samples(int n, int phases, int step, int taps, const int* first, co
   }
 }
 
-void store_texels(int n, const float* HWY_RESTRICT in, const float* HWY_RESTRICT total, const float lowest[4],
-                  int channels, int stored, float* HWY_RESTRICT to) {
+template <bool divide>
+void store_of(int n, const float* HWY_RESTRICT in, const Totals& totals, const float lowest[4], int channels,
+              int stored, float* HWY_RESTRICT to) {
   const Four d;
+  // Whole vectors, but for the last of three channels, after which comes what is another's.
   const bool whole = hn::Lanes(d) == 4 && (stored == 4 || stored == 3) && channels == stored;
+  const int vectors = whole ? n - (stored == 3) : 0;
   const auto low = hn::LoadU(d, lowest);
-  for (int i = 0; i < n; ++i, in += 4, to += stored) {
-    // Whole vectors, but for the last of three channels, after which comes what is another's.
-    if (whole && (stored == 4 || i + 1 < n)) {
-      const auto value = hn::Div(hn::LoadU(d, in), hn::Set(d, total ? total[i] : in[3]));
-      hn::StoreU(hn::Max(low, value), d, to);  // in this order, what is no number stays none
-      continue;
-    }
-    const float scale = total ? total[i] : in[3];
-    for (int c = 0; c < channels; ++c) to[c] = std::max(in[c] / scale, lowest[c]);
+  int i = 0;
+  for (; i < vectors; ++i, in += 4, to += stored) {
+    auto value = hn::LoadU(d, in);
+    if constexpr (divide) value = hn::Div(value, hn::Set(d, totals.of[i * totals.step]));
+    hn::StoreU(hn::Max(low, value), d, to);  // in this order, what is no number stays none
   }
+  for (; i < n; ++i, in += 4, to += stored) {
+    const float total = divide ? totals.of[i * totals.step] : 1.0f;
+    for (int c = 0; c < channels; ++c) to[c] = std::max(in[c] / total, lowest[c]);
+  }
+}
+
+void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
+                  float* to) {
+  totals.of ? store_of<true>(n, in, totals, lowest, channels, stored, to)
+            : store_of<false>(n, in, totals, lowest, channels, stored, to);
 }
 
 // Both poles' recursions in one sweep, each y[n] = x[n] + p y[n-1].  Forth and back their gain at zero frequency is
@@ -570,6 +580,42 @@ void add_weighted(int channels, int width, int height, const float* values, std:
   }
 }
 
+template <int channels>
+void range_of(int n, const float* HWY_RESTRICT values, float low[4], float high[4]) {
+  const hn::CappedTag<float, 16> d;
+  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
+  hn::Vec<decltype(d)> least[channels], most[channels];
+  constexpr float largest = std::numeric_limits<float>::max();  // what is no number is left out
+  std::fill_n(low, channels, largest), std::fill_n(high, channels, -largest);
+  int x = 0;
+  // Of as many texels as lanes, whose values' channels follow each other lane by lane.
+  if (n >= lanes) {
+    for (int k = 0; k < channels; ++k) least[k] = hn::Set(d, largest), most[k] = hn::Set(d, -largest);
+    for (; x + lanes <= n; x += lanes)
+      for (int k = 0; k < channels; ++k) {
+        const auto v = hn::LoadU(d, values + static_cast<std::ptrdiff_t>(x) * channels + k * lanes);
+        least[k] = hn::Min(v, least[k]), most[k] = hn::Max(v, most[k]);
+      }
+    HWY_ALIGN float a[lanes], b[lanes];
+    for (int k = 0; k < channels; ++k) {
+      hn::Store(least[k], d, a), hn::Store(most[k], d, b);
+      for (int l = 0; l < lanes; ++l) {
+        const int c = (k * lanes + l) % channels;
+        low[c] = std::min(low[c], a[l]), high[c] = std::max(high[c], b[l]);
+      }
+    }
+  }
+  for (; x < n; ++x)
+    for (int c = 0; c < channels; ++c) {
+      const float v = values[static_cast<std::ptrdiff_t>(x) * channels + c];
+      low[c] = std::min(low[c], v), high[c] = std::max(high[c], v);
+    }
+}
+
+void value_range(int channels, int n, const float* values, float low[4], float high[4]) {
+  channels == 3 ? range_of<3>(n, values, low, high) : range_of<4>(n, values, low, high);
+}
+
 void rotate_directions(const float m[9], std::size_t n, float* HWY_RESTRICT x, float* HWY_RESTRICT y,
                        float* HWY_RESTRICT z) {
   const hn::ScalableTag<float> d;
@@ -602,6 +648,7 @@ HWY_EXPORT(prefilter_rows);
 HWY_EXPORT(prefilter_columns);
 HWY_EXPORT(add_weighted);
 HWY_EXPORT(rotate_directions);
+HWY_EXPORT(value_range);
 
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows) {
@@ -625,9 +672,9 @@ void combine_samples(int n, int phases, int step, int taps, const int* first, co
   HWY_DYNAMIC_DISPATCH(combine_samples)(n, phases, step, taps, first, weight, in, out);
 }
 
-void store_texels(int n, const float* in, const float* total, const float lowest[4], int channels, int stored,
+void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
                   float* to) {
-  HWY_DYNAMIC_DISPATCH(store_texels)(n, in, total, lowest, channels, stored, to);
+  HWY_DYNAMIC_DISPATCH(store_texels)(n, in, totals, lowest, channels, stored, to);
 }
 
 void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work) {
@@ -641,6 +688,10 @@ void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
 void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
                   double* sums) {
   HWY_DYNAMIC_DISPATCH(add_weighted)(channels, width, height, values, pitch, weights, sums);
+}
+
+void value_range(int channels, int n, const float* values, float low[4], float high[4]) {
+  HWY_DYNAMIC_DISPATCH(value_range)(channels, n, values, low, high);
 }
 
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z) {

@@ -74,9 +74,15 @@ void combine_rows(int n, int count, const float* weight, const float* const* row
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,
                      float* out);
 
-/// to[i][channels] = in[i][4] / total, where total is total[i], or in[i][3] when total is null; not below lowest[c].
-/// Other channels of `to`, which is `stored` floats a texel, are not touched.
-void store_texels(int n, const float* in, const float* total, const float lowest[4], int channels, int stored,
+/// What texels are divided by: of[i * step], or nothing where `of` is null.
+struct Totals {
+  const float* of = nullptr;
+  int step = 1;
+};
+
+/// to[i][channels] = in[i][4] over its total, not below lowest[c].  Other channels of `to`, which is `stored` floats a
+/// texel, are not touched.
+void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
                   float* to);
 
 /// Rows of texels through the prefilter's recursion: 8 rows (in[k] of `width` texels) to out[k], of which only texels
@@ -91,6 +97,9 @@ void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
 /// may be no number.  channels: 1 to 4.
 void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
                   double* sums);
+
+/// Lowest and highest values by channel (3 or 4) of n >= 1 texels.
+void value_range(int channels, int n, const float* values, float low[4], float high[4]);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);

@@ -120,14 +120,16 @@ class Resampler {
     }
     make_tiles(out);
     const int groups = (source_.channels.count() + 3) / 4;
+    SphereMean mean;
     for (int g = 0; g < groups && !stopped_; ++g) {
       Source source(source_, 4 * g, filter_);
       share_done_ = static_cast<double>(g) / groups;
       share_step_ = 1.0 / groups;
       run_group(source, out, 4 * g);
+      if (g == 0) mean = source.mean();
     }
     if (stopped_) return Error{ErrorCode::output, "stopped"};
-    if (filter_.limited) keep_mean(out);
+    if (filter_.limited) keep_mean(mean, out);
     return out;
   }
 
@@ -135,9 +137,9 @@ class Resampler {
   // Sampling leaves the mean over the sphere off by 1e-8 to 1e-3 of itself (most where texel-sized noise is shrunk a
   // little).  What is missing is given back in proportion to each value's magnitude: a gain for radiance, and nothing
   // for a constant, whose mean is exact already.
-  void keep_mean(EnvImage& out) const {
+  void keep_mean(const SphereMean& before, EnvImage& out) const {
     constexpr double most = 0.01;  // more than this is no rounding to be mended: a handful of texels, or singular ones
-    const SphereMean before = sphere_mean(source_), after = sphere_mean(out);
+    const SphereMean after = sphere_mean(out);
     const int channels = out.channels.count();
     std::vector<float> share(static_cast<std::size_t>(channels), 0.0f);
     bool any = false;
@@ -278,7 +280,8 @@ class Resampler {
         const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
         const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
         double wide = std::sqrt(0.5 * (aa + bb + root));
-        const double thin = std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / sliver_limit);
+        const double thin =
+            std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / (filter_.limited ? sliver_limit : 1));
         if (!(wide > 0) || !std::isfinite(wide)) continue;
         const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
         const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
@@ -383,6 +386,35 @@ class Resampler {
     }
   }
 
+  // One sample in each texel, which needs no weights: several rows at once.
+  void point_pass(const Source& source, Workspace& w, const Tile& tile, EnvImage& out, int first_channel) {
+    constexpr int batch = 256;
+    static_assert(batch >= largest_tile);
+    Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    const int n = tile.width, rows = batch / n;
+    const double first = u_from_texel(tile.x0, face.width(), out.placement);
+    const double step = texel_extent(face.width(), out.placement);
+    for (int row = 0; row < rows; ++row)
+      for (int i = 0; i < n; ++i) w.u[row * n + i] = static_cast<float>(first + i * step);
+    const int stored = source_.channels.count(), channels = std::min(4, stored - first_channel);
+    float lowest[4];
+    lowest_values(source, lowest);
+    std::fill_n(w.weight, batch, 1.0f);
+    for (int j = 0; j < tile.height; j += rows) {
+      const int count = std::min(rows, tile.height - j) * n;
+      const auto padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+      for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
+        std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(y, face.height(), out.placement)));
+      std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
+      out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+      find_windows(source, filter_.kernel, w, count);
+      point(source, filter_.kernel, w, count);
+      sum_windows(filter_.kernel, source.channels(), count, w.windows, w.weight, w.samples);
+      for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
+        store_texels(n, w.samples + 4 * s, {}, lowest, channels, stored, face.at(tile.x0, y) + first_channel);
+    }
+  }
+
   // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when a highlight is met: those
   // are received with positive weights only.
   bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, const GridQuadrature& qu,
@@ -445,7 +477,7 @@ class Resampler {
           combine_rows(nu, ring, weight, density, w.combined_density.data());
           combine_densities(qu, tile.width, w.combined_density.data() + qu.before(), w.total);
         }
-        store_texels(tile.width, w.row, apart ? w.total : nullptr, lowest, channels, stored,
+        store_texels(tile.width, w.row, apart ? Totals{w.total, 1} : Totals{w.row + 3, 4}, lowest, channels, stored,
                      face.at(tile.x0, tile.y0 + texel) + first_channel);
       }
     }
@@ -474,7 +506,8 @@ class Resampler {
     const int stored = source_.channels.count(), channels = std::min(4, stored - first_channel);
     float lowest[4];
     lowest_values(source, lowest);
-    store_texels(tile.width, w.row, w.total, lowest, channels, stored, face.at(tile.x0, tile.y0 + j) + first_channel);
+    store_texels(tile.width, w.row, {w.total, 1}, lowest, channels, stored,
+                 face.at(tile.x0, tile.y0 + j) + first_channel);
   }
 
   // Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
@@ -658,6 +691,8 @@ class Resampler {
       const std::optional<GridQuadrature> v = grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
       if (u && v && grid_pass(source, w, tile, tile_plan, *u, *v, out, first_channel)) return;
     }
+    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && out.layout->info().domain != Domain::disc)
+      return point_pass(source, w, tile, out, first_channel);
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     Highlights& highlights = source.highlights();

@@ -327,7 +327,9 @@ void add_block(const Image& image, int x0, int y0, int nx, int ny, const double*
 
 }  // namespace
 
-SphereMean sphere_mean(const EnvImage& image) {
+SphereMean sphere_mean(const EnvImage& image) { return sphere_mean(image, {}); }
+
+SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit) {
   const std::size_t channels = static_cast<std::size_t>(image.channels.count()), sums = 2 * channels + 1;
   std::vector<double> sum(sums, 0.0);
   for (int f = 0; f < image.layout->face_count(); ++f) {
@@ -346,6 +348,7 @@ SphereMean sphere_mean(const EnvImage& image) {
         const int nx = std::min(most_block, size.width - x0);
         texel_solid_angles(*image.layout, f, size, image.placement, x0, y0, nx, ny, omega);
         add_block(face, x0, y0, nx, ny, omega, s);
+        if (visit) visit(f, x0, y0, nx, ny);
       }
     });
     for (std::size_t b = 0; b < static_cast<std::size_t>(bands); ++b)

@@ -2,6 +2,7 @@
 // Solid angles of many texels at once.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -34,5 +35,8 @@ struct SphereMean {
   std::vector<double> value, magnitude;
 };
 SphereMean sphere_mean(const EnvImage& image);
+/// The same, and calls visit(face, x0, y0, width, height) for rectangles of texels that have just been read, while the
+/// cache holds them: all of a face's texels once, from several threads at a time, those of a row from one.
+SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit);
 
 }  // namespace envconv

@@ -71,7 +71,7 @@ Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
   place_faces(image);
   copy_pixels(image, first_channel);
   if (filter.limited) {
-    split_highlights();
+    split_highlights(image);
     if (highlights_.any()) spread_highlights();
   }
   make_strips();
@@ -136,31 +136,29 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
   }
 }
 
-// Lanes take channels in turn: four texels of three channels are twelve floats, three of four as well.
-Source::RowRange Source::range_of(const SourceFace& face, int row) const {
-  const float* from = face.pixels + row * face.pitch;
-  float low[12], high[12];
-  std::fill_n(low, 12, std::numeric_limits<float>::max());
-  std::fill_n(high, 12, std::numeric_limits<float>::lowest());
-  const std::ptrdiff_t n = face.pitch, whole = n / 12 * 12;
-  for (std::ptrdiff_t i = 0; i < whole; i += 12)
-    for (int l = 0; l < 12; ++l) {
-      low[l] = from[i + l] < low[l] ? from[i + l] : low[l];
-      high[l] = from[i + l] > high[l] ? from[i + l] : high[l];
+// The image's mean, and every row's range by face, from one walk through its memory.
+std::vector<std::vector<Source::RowRange>> Source::survey(const EnvImage& image) {
+  std::vector<std::vector<RowRange>> rows;
+  for (const SourceFace& s : faces_) {
+    RowRange none;
+    none.low.fill(std::numeric_limits<float>::max());
+    none.brightest = 0;
+    rows.emplace_back(static_cast<std::size_t>(s.size.height), none);
+  }
+  mean_ = sphere_mean(image, [&](int f, int x0, int y0, int width, int height) {
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    for (int y = y0; y < y0 + height; ++y) {
+      float low[4], high[4];
+      value_range(channels_, width, s.pixels + y * s.pitch + x0 * channels_, low, high);
+      RowRange& range = rows[static_cast<std::size_t>(f)][static_cast<std::size_t>(y)];
+      for (int c = 0; c < channels_; ++c) {
+        float& to = range.low[static_cast<std::size_t>(c)];
+        to = std::min(to, low[c]);
+        if (c < 3) range.brightest = std::max({range.brightest, high[c], -low[c]});
+      }
     }
-  for (std::ptrdiff_t i = whole; i < n; ++i) {
-    low[i - whole] = std::min(low[i - whole], from[i]);
-    high[i - whole] = std::max(high[i - whole], from[i]);
-  }
-  RowRange range;
-  range.low.fill(std::numeric_limits<float>::max());
-  range.brightest = 0;
-  for (int l = 0; l < 12; ++l) {
-    float& to = range.low[static_cast<std::size_t>(l % channels_)];
-    to = std::min(to, low[l]);
-    if (l % channels_ < 3) range.brightest = std::max({range.brightest, high[l], -low[l]});
-  }
-  return range;
+  });
+  return rows;
 }
 
 // Above, below, left and right of the face, with some texels of it: a window that is not wholly in the face is wholly
@@ -302,28 +300,103 @@ void Source::write(const Orphan& orphan, const Texel& value) {
 }
 
 void Source::find_orphans(std::vector<Orphan>& orphans) const {
-  // Rows are searched in parallel, and their finds joined in order.
+  // Pieces are searched in parallel, and their finds joined in order.
+  constexpr int length = 256;
+  struct Piece {
+    int x, y, width, height;
+  };
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const SourceFace& s = faces_[f];
-    std::vector<std::vector<Orphan>> rows(static_cast<std::size_t>(s.rows));
-    const bool whole = layout_->info().domain == Domain::square;
-    tbb::parallel_for(0, s.rows, [&](int y) {
-      const bool inside_row = y >= apron_ && y < apron_ + s.size.height;
-      for (int x = 0; x < s.columns; ++x) {
-        if (inside_row && whole && x == apron_) x += s.size.width;  // all owned
-        const double u = u_from_texel(x - apron_, s.size.width, placement_);
-        const double v = u_from_texel(y - apron_, s.size.height, placement_);
-        if (inside_row && x >= apron_ && x < apron_ + s.size.width && layout_->owns(static_cast<int>(f), u, v))
-          continue;
-        const Location at = layout_->locate(layout_->direction(static_cast<int>(f), u, v));
-        const SourceFace& o = faces_[static_cast<std::size_t>(at.face)];
-        rows[static_cast<std::size_t>(y)].push_back({static_cast<std::int32_t>(f), x, y, at.face,
-                                                     texel_from_u(at.u, o.size.width, placement_) + apron_,
-                                                     texel_from_u(at.v, o.size.height, placement_) + apron_});
-      }
+    std::vector<Piece> pieces;
+    const auto cut = [&](int x, int y, int width, int height) {
+      for (int j = 0; j < height; j += length)
+        for (int i = 0; i < width; i += length)
+          pieces.push_back({x + i, y + j, std::min(length, width - i), std::min(length, height - j)});
+    };
+    if (layout_->info().domain == Domain::square) {
+      cut(0, 0, s.columns, apron_);
+      cut(0, apron_, apron_, s.size.height);
+      cut(apron_ + s.size.width, apron_, apron_, s.size.height);
+      cut(0, apron_ + s.size.height, s.columns, apron_);
+    } else {
+      cut(0, 0, s.columns, s.rows);
+    }
+    std::vector<std::vector<Orphan>> found(pieces.size());
+    tbb::parallel_for(std::size_t{0}, pieces.size(), [&](std::size_t i) {
+      const Piece& p = pieces[i];
+      find_orphans_in(static_cast<int>(f), p.x, p.y, p.width, p.height, found[i]);
     });
-    for (const auto& row : rows) orphans.insert(orphans.end(), row.begin(), row.end());
+    for (const auto& some : found) orphans.insert(orphans.end(), some.begin(), some.end());
   }
+}
+
+Source::Orphan Source::orphan_at(int face, int x, int y) const {
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  const Location at = layout_->locate(layout_->direction(face, u_from_texel(x - apron_, s.size.width, placement_),
+                                                         u_from_texel(y - apron_, s.size.height, placement_)));
+  const SourceFace& o = faces_[static_cast<std::size_t>(at.face)];
+  Orphan orphan{face,
+                x,
+                y,
+                at.face,
+                texel_from_u(at.u, o.size.width, placement_) + apron_,
+                texel_from_u(at.v, o.size.height, placement_) + apron_};
+  const double nearest_x = std::round(orphan.from_x), nearest_y = std::round(orphan.from_y);
+  orphan.exact = std::abs(orphan.from_x - nearest_x) < on_texel && std::abs(orphan.from_y - nearest_y) < on_texel;
+  return orphan;
+}
+
+// Many seams join texel to texel (latlong's all do): where a rectangle's corners and its middle are texels of one face
+// at the distances that they have here, all in between are, and need no formula.
+void Source::find_orphans_in(int face, int x, int y, int width, int height, std::vector<Orphan>& orphans) const {
+  constexpr int small = 8;
+  const SourceFace& s = faces_[static_cast<std::size_t>(face)];
+  const bool whole = layout_->info().domain == Domain::square;
+  if (width <= small && height <= small) {
+    for (int j = y; j < y + height; ++j)
+      for (int i = x; i < x + width; ++i) {
+        if (!whole && in_face(s, i, j) &&
+            layout_->owns(face, u_from_texel(i - apron_, s.size.width, placement_),
+                          u_from_texel(j - apron_, s.size.height, placement_)))
+          continue;
+        orphans.push_back(orphan_at(face, i, j));
+      }
+    return;
+  }
+  if (whole) {
+    const Orphan first = orphan_at(face, x, y);
+    const auto rounded = [](double a, double b) { return static_cast<int>(std::lround(a - b)); };
+    if (first.exact) {
+      const Orphan right = orphan_at(face, x + width - 1, y), below = orphan_at(face, x, y + height - 1);
+      // Steps along the owner's axes for a step right, and for a step down.
+      const int wide = std::max(width - 1, 1), high = std::max(height - 1, 1);
+      const int right_x = rounded(right.from_x, first.from_x) / wide,
+                right_y = rounded(right.from_y, first.from_y) / wide;
+      const int down_x = rounded(below.from_x, first.from_x) / high,
+                down_y = rounded(below.from_y, first.from_y) / high;
+      const auto agrees = [&](const Orphan& o) {
+        const int i = o.x - x, j = o.y - y;
+        return o.exact && o.from_face == first.from_face &&
+               rounded(o.from_x, first.from_x) == i * right_x + j * down_x &&
+               rounded(o.from_y, first.from_y) == i * right_y + j * down_y;
+      };
+      if (agrees(right) && agrees(below) && agrees(orphan_at(face, x + width - 1, y + height - 1)) &&
+          agrees(orphan_at(face, x + width / 2, y + height / 2)) &&
+          agrees(orphan_at(face, x + width / 3, y + height / 4))) {
+        for (int j = 0; j < height; ++j)
+          for (int i = 0; i < width; ++i)
+            orphans.push_back({face, x + i, y + j, first.from_face, first.from_x + i * right_x + j * down_x,
+                               first.from_y + i * right_y + j * down_y, true});
+        return;
+      }
+    }
+  }
+  const int left = width > height ? width / 2 : width, top = width > height ? height : height / 2;
+  find_orphans_in(face, x, y, left, top, orphans);
+  if (left < width)
+    find_orphans_in(face, x + left, y, width - left, height, orphans);
+  else
+    find_orphans_in(face, x, y + top, width, height - top, orphans);
 }
 
 void Source::adopt(const std::vector<Orphan>& orphans) {
@@ -367,13 +440,9 @@ void Source::adopt(const std::vector<Orphan>& orphans) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, orphans.size(), 256), [&](const auto& range) {
       for (std::size_t i = range.begin(); i != range.end(); ++i) {
         const Orphan& o = orphans[i];
+        if (pass == 0) values[i] = nearest_owned(o);
+        if (pass == 0 || o.exact) continue;
         const SourceFace& s = faces_[static_cast<std::size_t>(o.from_face)];
-        const double nearest_x = std::round(o.from_x), nearest_y = std::round(o.from_y);
-        const bool exact = std::abs(o.from_x - nearest_x) < on_texel && std::abs(o.from_y - nearest_y) < on_texel;
-        if (pass == 0 || exact) {
-          values[i] = nearest_owned(o);
-          continue;
-        }
         const int x0 = static_cast<int>(std::floor(o.from_x)), y0 = static_cast<int>(std::floor(o.from_y));
         const auto wx = table.at(o.from_x - x0), wy = table.at(o.from_y - y0);
         Texel sum{};
@@ -390,7 +459,9 @@ void Source::adopt(const std::vector<Orphan>& orphans) {
         values[i] = sum;
       }
     });
-    for (std::size_t i = 0; i < orphans.size(); ++i) write(orphans[i], values[i]);
+    for (std::size_t i = 0; i < orphans.size(); ++i)
+      if (pass == 0 || !orphans[i].exact) write(orphans[i], values[i]);
+    if (std::ranges::all_of(orphans, &Orphan::exact)) break;
   }
 }
 

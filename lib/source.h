@@ -24,6 +24,7 @@
 #include "image.h"
 #include "layout.h"
 #include "read_kernels.h"
+#include "solid_angle.h"
 
 namespace envconv {
 
@@ -125,6 +126,8 @@ class Source {
   int apron() const { return apron_; }
   const FaceMaps& maps() const { return maps_; }
   Placement placement() const { return placement_; }
+  /// Means over the sphere of all of the image's channels; for limited filters only.
+  const SphereMean& mean() const { return mean_; }
   /// Lowest value of each channel in the image: what a reconstruction must not undercut when it is positive.
   const float* lowest() const { return lowest_; }
   Highlights& highlights() { return highlights_; }
@@ -152,6 +155,7 @@ class Source {
     std::int32_t face, x, y;
     std::int32_t from_face;
     double from_x, from_y;
+    bool exact = false;  // from a texel's very centre
   };
   using Texel = std::array<float, 4>;
   void place_faces(const EnvImage& image);
@@ -161,11 +165,13 @@ class Source {
     Texel low;
     float brightest;
   };
-  RowRange range_of(const SourceFace& face, int row) const;
+  std::vector<std::vector<RowRange>> survey(const EnvImage& image);
   void make_strips();
-  void split_highlights();
+  void split_highlights(const EnvImage& image);
   void spread_highlights();
   void find_orphans(std::vector<Orphan>& orphans) const;
+  Orphan orphan_at(int face, int x, int y) const;
+  void find_orphans_in(int face, int x, int y, int width, int height, std::vector<Orphan>& orphans) const;
   void adopt(const std::vector<Orphan>& orphans);
   void copy_highlights(const std::vector<Orphan>& orphans);
   void repeat_highlights();
@@ -193,6 +199,7 @@ class Source {
   std::vector<Image> copies_;               // of faces, where the image's pixels cannot be read in place
   std::vector<std::vector<Strip>> strips_;  // by face
   FaceMaps maps_;
+  SphereMean mean_;
   float lowest_[4];
   float threshold_ = 0;
   Highlights highlights_;
