@@ -137,8 +137,8 @@ std::vector<EdgeTexel> edge_texels(const EnvImage& image, const Groups& groups) 
     for (int k = 0; k < edge.count(); ++k)
       texels.push_back({edge.face, edge.x(k, 0), edge.y(k, 0), groups.index(edge.face, edge.x(k, 0), edge.y(k, 0))});
   std::ranges::sort(texels, {}, &EdgeTexel::index);
-  const auto again = std::ranges::unique(texels, {}, &EdgeTexel::index);
-  texels.erase(again.begin(), again.end());
+  const auto same = [](const EdgeTexel& a, const EdgeTexel& b) { return a.index == b.index; };
+  texels.erase(std::unique(texels.begin(), texels.end(), same), texels.end());
   return texels;
 }
 
