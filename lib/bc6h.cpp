@@ -36,18 +36,40 @@ namespace {
 
 using bc6h::Block;
 using bc6h::most_blocks;
+using bc6h::most_spans;
 using bc6h::Settings;
 using bc6h::Texels;
 
 Settings settings_of(Bc6hEffort effort) {
   switch (effort) {
     case Bc6hEffort::fast:
-      return {.partitions = 8, .survivors = 1, .spans = 6, .modes = 1, .refinements = 1, .polish = 0, .reach = 1};
+      return {.partitions = 8,
+              .survivors = 1,
+              .spans = most_spans,
+              .modes = 1,
+              .refinements = 1,
+              .polish = 0,
+              .reach = 1,
+              .other_lines = false};
     case Bc6hEffort::normal: break;
     case Bc6hEffort::best:
-      return {.partitions = 32, .survivors = 8, .spans = 6, .modes = 3, .refinements = 3, .polish = 4, .reach = 4};
+      return {.partitions = 32,
+              .survivors = 8,
+              .spans = most_spans,
+              .modes = 3,
+              .refinements = 3,
+              .polish = 4,
+              .reach = 4,
+              .other_lines = true};
   }
-  return {.partitions = 20, .survivors = 3, .spans = 6, .modes = 1, .refinements = 1, .polish = 1, .reach = 2};
+  return {.partitions = 20,
+          .survivors = 3,
+          .spans = most_spans,
+          .modes = 1,
+          .refinements = 1,
+          .polish = 1,
+          .reach = 2,
+          .other_lines = true};
 }
 
 // Block (column, row) of the image, its last column and row going on where the image ends.
