@@ -5,7 +5,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "bc6h_search.cpp"
-#include "layout_kernel-inl.h"
+#include "lane-inl.h"
 // After it, since it brings Lane.
 #include "bc6h_lanes-inl.h"
 
