@@ -35,8 +35,6 @@ const std::array<std::uint8_t, partition_count> second_anchor{
 
 namespace {
 
-constexpr int index_start(int regions) { return regions == 1 ? 65 : 82; }
-
 // Where the bits between a mode's code and its partition go, as the specification writes it: the end point's channel
 // and number, then its bits, [high:low] stored lowest first and [low:high] highest first.
 constexpr std::array<std::string_view, mode_count> layouts{

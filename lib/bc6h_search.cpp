@@ -5,7 +5,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "bc6h_search.cpp"
-#include "layout_kernel-inl.h"
+#include "lane-inl.h"
 // After it, since it brings Lane.
 #include "bc6h_lanes-inl.h"
 
@@ -35,9 +35,9 @@ struct Least {
   }
 };
 
-// --- lines through texels, in the metric's space
+// --- lines through texels
 
-// Sums over a set of texels of 1, of the levels (relative to the block's mean) and of their products.
+// Sums over a set of texels of 1, of their places (relative to the block's mean) and of the places' products.
 struct Spread {
   Lane n, x[3], xx[6];  // xx: 00 01 02 11 12 22
 };
@@ -54,13 +54,13 @@ struct Lines {
   Lane x[16][3], xx[16][6];
   Spread all;
 };
-HWY_INLINE void load(const Target& t, Lines& lines) {
+HWY_INLINE void load(const Lane (&texels)[16][3], Lines& lines) {
   lines.all = no_spread();
   for (int c = 0; c < 3; ++c) {
     Lane mean = 0.0;
-    for (int k = 0; k < 16; ++k) mean = mean + t.level[k][c] * (1.0 / 16);
+    for (int k = 0; k < 16; ++k) mean = mean + texels[k][c] * (1.0 / 16);
     for (int k = 0; k < 16; ++k) {
-      lines.x[k][c] = t.level[k][c] - mean;
+      lines.x[k][c] = texels[k][c] - mean;
       lines.all.x[c] = lines.all.x[c] + lines.x[k][c];
     }
   }
@@ -111,7 +111,7 @@ HWY_INLINE Axis principal_axis(const Spread& s) {
 
 struct Search {
   Target target;
-  Lines lines;
+  Lines levels, bits;  // in the metric's space, and in that of interpolation
 };
 
 // The most promising partitions, best first.
@@ -131,10 +131,12 @@ HWY_NOINLINE void rank_partitions(const Lines& lines, Least<partition_count>& ra
   }
 }
 
-// place[texel] = 0 to 1, along its region's principal axis from one outermost texel to the other; the region's anchor
-// is in the first half.
+// Directions of the lines that the two regions' texels are projected on.
+struct Directions {
+  Lane x[2][3];
+};
 template <int regions>
-HWY_INLINE void project(const Lines& lines, const Regions& r, Lane place[16]) {
+HWY_INLINE Directions principal_axes(const Lines& lines, const Regions& r) {
   Spread second = no_spread();
   if constexpr (regions == 2)
     for (int k = 0; k < 16; ++k) {
@@ -143,12 +145,33 @@ HWY_INLINE void project(const Lines& lines, const Regions& r, Lane place[16]) {
       for (int c = 0; c < 3; ++c) second.x[c] = second.x[c] + where(in, lines.x[k][c]);
       for (int i = 0; i < 6; ++i) second.xx[i] = second.xx[i] + where(in, lines.xx[k][i]);
     }
-  const Axis axes[2] = {principal_axis(lines.all - second), principal_axis(second)};
+  const Axis first = principal_axis(lines.all - second), other = principal_axis(second);
+  Directions d;
+  for (int c = 0; c < 3; ++c) d.x[0][c] = first.x[c], d.x[1][c] = other.x[c];
+  return d;
+}
+// Of one region: a diagonal of the texels' bounding box, 0 to 3.
+HWY_INLINE Directions diagonal(const Lines& lines, int number) {
+  Directions d;
+  for (int c = 0; c < 3; ++c) {
+    Lane low = lines.x[0][c], high = low;
+    for (int k = 1; k < 16; ++k) low = min(low, lines.x[k][c]), high = max(high, lines.x[k][c]);
+    const bool falls = c > 0 && (number >> (c - 1) & 1);
+    d.x[0][c] = falls ? low - high : high - low;
+  }
+  return d;
+}
+
+// place[texel] = 0 to 1, along its region's direction from one outermost texel to the other; the region's anchor is in
+// the first half, or in the second where the region's bit of `turned` is set.
+template <int regions>
+HWY_INLINE void project(const Lines& lines, const Regions& r, const Directions& directions, int turned,
+                        Lane place[16]) {
   Lane low[2] = {most, most}, high[2] = {-most, -most};
   for (int k = 0; k < 16; ++k) {
     place[k] = 0.0;
     for (int c = 0; c < 3; ++c)
-      place[k] = place[k] + by_region<regions>(r, k, axes[0].x[c], axes[1].x[c]) * lines.x[k][c];
+      place[k] = place[k] + by_region<regions>(r, k, directions.x[0][c], directions.x[1][c]) * lines.x[k][c];
     low[0] = min(low[0], by_region<regions>(r, k, place[k], most));
     high[0] = max(high[0], by_region<regions>(r, k, place[k], -most));
     if constexpr (regions == 2) {
@@ -159,7 +182,8 @@ HWY_INLINE void project(const Lines& lines, const Regions& r, Lane place[16]) {
   Lane start[2], scale[2];
   for (int g = 0; g < regions; ++g) {
     const Lane anchor = g == 0 ? place[0] : select(r.anchor2, place[2], select(r.anchor8, place[8], place[15]));
-    const LaneMask turn = anchor + anchor > low[g] + high[g];
+    const Lane past_middle = anchor + anchor - (low[g] + high[g]);
+    const LaneMask turn = turned >> g & 1 ? past_middle < 0.0 : past_middle > 0.0;
     const Lane inverse = 1.0 / max(high[g] - low[g], 1e-20);
     start[g] = select(turn, high[g], low[g]);
     scale[g] = select(turn, -inverse, inverse);
@@ -172,11 +196,28 @@ HWY_INLINE void project(const Lines& lines, const Regions& r, Lane place[16]) {
 
 // The part of the line between the end points that texels are put on at first.  Beside all of it: end points outside
 // the texels' range often hit them better, where they are rounded coarsely.
-constexpr double spans[6][2] = {{0, 1}, {0, 5. / 7}, {1. / 7, 6. / 7}, {0, 4. / 7}, {2. / 7, 1}, {1. / 7, 1}};
+constexpr double spans[most_spans][2] = {{0, 1},           {0, 5. / 7},     {1. / 7, 6. / 7}, {0, 4. / 7},
+                                         {2. / 7, 1},      {1. / 7, 1},     {0, 6. / 7},      {3. / 7, 1},
+                                         {2. / 7, 5. / 7}, {1. / 7, 4. / 7}};
 
 struct Depth {
   int spans, modes, refinements;
+  bool other_lines;
 };
+
+// Other lines to start from: the principal axes in the space of interpolation, where black is far from what is dark;
+// for one region the diagonals of its box there; for two the other way round, one or both of them, since differences
+// are taken from the first end point and how far they reach is not the same both ways.
+constexpr int other_lines(int regions) { return regions == 1 ? 5 : 4; }
+template <int regions>
+HWY_INLINE void project_other(const Search& s, const Regions& r, int number, Lane place[16]) {
+  if (number == 0)
+    project<regions>(s.bits, r, principal_axes<regions>(s.bits, r), 0, place);
+  else if (regions == 1)
+    project<regions>(s.bits, r, diagonal(s.bits, number - 1), 0, place);
+  else
+    project<regions>(s.levels, r, principal_axes<regions>(s.levels, r), number, place);
+}
 
 // Tries a partition from several starts, each in the modes whose rounding suits it; returns the least error.
 template <int regions>
@@ -185,23 +226,25 @@ HWY_NOINLINE Lane try_partition(const Search& s, Lane partition, Depth depth, Ca
   Regions r;
   if constexpr (regions == 2) r = regions_of(partition);
   Lane place[16], least = most;
-  project<regions>(s.lines, r, place);
-  for (int span = 0; span < depth.spans; ++span) {
-    const auto& [from, to] = spans[span];
+  project<regions>(s.levels, r, principal_axes<regions>(s.levels, r), 0, place);
+  for (int start = 0; start < depth.spans + (depth.other_lines ? other_lines(regions) : 0); ++start) {
+    const int other = start - depth.spans;
+    if (other >= 0) project_other<regions>(s, r, other, place);
+    const auto& [from, to] = spans[other >= 0 ? 0 : start];
     constexpr double last = regions == 1 ? 15 : 7;
     Lane index[16];
     for (int k = 0; k < 16; ++k) index[k] = round((place[k] * (to - from) + from) * last);
-    Fit start[regions][3];
-    least_squares<regions, false>(s.target, r, nullptr, nullptr, index, start);
+    Fit ends[regions][3];
+    least_squares<regions, false>(s.target, r, nullptr, nullptr, index, ends);
     Least<mode_count> ranking(std::min(depth.modes, end - first_mode));
     Candidate a;
     for (int mode = first_mode; mode < end; ++mode)
-      ranking.offer(round_ends<regions, 1>(start, format_of(mode), a.ends), mode);
+      ranking.offer(round_ends<regions, 1>(ends, format_of(mode), a.ends), mode);
     for (int i = 0; i < ranking.n; ++i) {
       const Format f = format_of(ranking.id[i]);
       a.mode = f.mode;
       a.partition = partition;
-      round_ends<regions, 2>(start, f, a.ends);
+      round_ends<regions, 2>(ends, f, a.ends);
       for (int round = 0;; ++round) {
         evaluate<regions>(s.target, r, f, a);
         least = min(least, a.error);
@@ -229,7 +272,7 @@ HWY_NOINLINE void try_box(const Search& s, Candidate& best) {
     for (int k = 0; k < 16; ++k) {
       low[c] = min(low[c], s.target.u[k][c]);
       high[c] = max(high[c], s.target.u[k][c]);
-      along_green[c] = along_green[c] + s.lines.xx[k][c == 0 ? 1 : c + 2];
+      along_green[c] = along_green[c] + s.levels.xx[k][c == 0 ? 1 : c + 2];
     }
   }
   for (const bool turn : {false, true}) {
@@ -309,16 +352,18 @@ void search(const Texels& texels, int n, const Settings& settings, Block* blocks
   for (int first = 0; first < n; first += lanes) {
     Search s;
     load(texels, first, s.target);
-    load(s.target, s.lines);
+    load(s.target.level, s.levels);
+    load(s.target.u, s.bits);
     Candidate one, two;
     clear(one);
     clear(two);
-    const Depth depth{settings.spans, settings.modes, settings.refinements};
+    const Depth depth{settings.spans, settings.modes, settings.refinements, settings.other_lines};
     try_box(s, one);
     try_partition<1>(s, 0.0, depth, one);
     Least<partition_count> likely(settings.partitions), survivors(settings.survivors);
-    rank_partitions(s.lines, likely);
-    for (int i = 0; i < likely.n; ++i) survivors.offer(try_partition<2>(s, likely.id[i], {1, 1, 0}, two), likely.id[i]);
+    rank_partitions(s.levels, likely);
+    for (int i = 0; i < likely.n; ++i)
+      survivors.offer(try_partition<2>(s, likely.id[i], {1, 1, 0, false}, two), likely.id[i]);
     for (int i = 0; i < survivors.n; ++i) try_partition<2>(s, survivors.id[i], depth, two);
     polish<1>(s, settings, one);
     polish<2>(s, settings, two);

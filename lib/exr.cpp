@@ -197,7 +197,7 @@ int level_count(const Imf::TileDescription& tiles, std::int64_t width, std::int6
 
 class ExrDecoder final : public Decoder {
  public:
-  ExrDecoder(int fd, std::uint64_t size) : stream_(fd, size), size_(size) {}
+  ExrDecoder(int fd, std::uint64_t size) : stream_(fd, size) {}
 
   Result<Ok> open(const DecoderOptions& options) {
     threads_ = options.threads;
@@ -401,7 +401,6 @@ class ExrDecoder final : public Decoder {
   }
 
   FileStream stream_;
-  std::uint64_t size_;
   int threads_ = 0;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   FileSpec spec_;

@@ -315,6 +315,11 @@ int write_file(const char* format, const EnvconvImageioPicture* picture, const E
       spec.attribute("Compression", picture->compression);
     }
     if (*picture->description) spec.attribute(picture->attribute, picture->description);
+    if (picture->tile > 0) {
+      spec.tile_width = spec.tile_height = picture->tile;
+      // By this, readers take the pictures that follow for levels.
+      spec.attribute("textureformat", "Plain Texture");
+    }
     Proxy proxy(*sink);
     out->set_ioproxy(&proxy);
     const bool good = out->open("envconv", spec) && out->write_image(type, picture->pixels) && out->close();

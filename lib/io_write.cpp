@@ -17,9 +17,9 @@
 #include "exr.h"
 #include "hdr.h"
 #include "imageio_loader.h"
+#include "imageio_write.h"
 #include "io_shared.h"
 #include "ktx.h"
-#include "png_color.h"
 
 namespace envconv {
 
@@ -33,7 +33,7 @@ namespace {
 
 // --- formats that can be written -----------------------------------------------------------------------------------
 
-constexpr std::string_view level_hint = "write one file a level, with {mip} in its name, or .exr, .dds or .ktx2";
+constexpr std::string_view level_hint = "write one file a level, with {mip} in its name, or .exr, .tif, .dds or .ktx2";
 
 struct Format {
   const char* extension;
@@ -43,17 +43,18 @@ struct Format {
   const char* compressions;      // names, or ""
   const char* attribute;         // where our line of metadata goes, or "" when it cannot
   bool lossy;                    // by nature
+  bool levels = false;           // holds MIP levels
 };
 
 const std::vector<Format>& formats() {
   using enum PixelType;
   static const std::vector<Format>* const table = new std::vector<Format>{
-      {"exr", "openexr", {half, float32, uint32}, {}, "", "", false},
+      {"exr", "openexr", {half, float32, uint32}, {}, "", "", false, true},
       {"hdr", "hdr", {float32}, {1, 3}, "rle", "", false},
       {"pic", "hdr", {float32}, {1, 3}, "rle", "", false},
       {"png", "png", {uint8, uint16}, {1, 2, 3, 4}, "0-9", "ImageDescription", false},
-      {"tif", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false},
-      {"tiff", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false},
+      {"tif", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false, true},
+      {"tiff", "tiff", {float32, half, uint16, uint8}, {}, "none lzw zip packbits", "ImageDescription", false, true},
       {"jpg", "jpeg", {uint8}, {1, 3}, "1-100", "ImageDescription", true},
       {"jpeg", "jpeg", {uint8}, {1, 3}, "1-100", "ImageDescription", true},
       {"tga", "targa", {uint8}, {1, 3, 4}, "none rle", "ImageDescription", false},
@@ -64,9 +65,9 @@ const std::vector<Format>& formats() {
       {"pgm", "pnm", {uint8}, {1}, "", "", false},
       {"pnm", "pnm", {uint8}, {1, 3}, "", "", false},
       {"pfm", "pfm", {float32}, {1, 3}, "", "", false},
-      {"dds", "dds", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
-      {"ktx2", "ktx2", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
-      {"ktx", "ktx", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false},
+      {"dds", "dds", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false, true},
+      {"ktx2", "ktx2", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false, true},
+      {"ktx", "ktx", {half, float32, uint8, r11g11b10f, rgb9e5, bc6h}, {}, "", "", false, true},
   };
   return *table;
 }
@@ -263,92 +264,6 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
 
 namespace {
 
-// The image library's word for the curve, or "".  PNG's chunks are ours, and TIFF would need an Exif directory for it,
-// for which the library reads what it wrote, and not from a proxy: the file comes out broken and it says nothing.
-std::string curve_for_imageio(std::string_view format, const ColorEncoding& color) {
-  if (format == "png" || format == "tiff") return {};
-  if (color.transfer == Transfer::linear) return "Linear";
-  return color.transfer == Transfer::srgb ? "sRGB" : "";
-}
-
-// Where the image library's bytes go; `insert` comes between the end of a PNG's header and the rest.
-struct Sink {
-  OutputFile& file;
-  std::string insert;
-
-  void write(const void* data, std::size_t size) {
-    const auto* bytes = static_cast<const char*>(data);
-    const std::uint64_t at = file.tell();
-    if (!insert.empty() && at <= kPngHeaderEnd && at + size >= kPngHeaderEnd) {
-      const auto head = static_cast<std::size_t>(kPngHeaderEnd - at);
-      file.write(bytes, head);
-      file.write(insert.data(), insert.size());
-      insert.clear();
-      bytes += head;
-      size -= head;
-    }
-    if (size > 0) file.write(bytes, size);
-  }
-};
-
-Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& format, const std::string& compression,
-                        const WriteOptions& options, WriteReport& report) {
-  ENVCONV_TRY(const EnvconvImageio* module, load_imageio());
-  const Image& image = picture.image;
-  std::unique_ptr<void, FreeBytes> elements;
-  EnvconvImageioPicture out{};
-  out.width = image.width();
-  out.height = image.height();
-  out.channels = image.channels();
-  out.alpha = picture.channels.alpha;
-  out.element = static_cast<std::int32_t>(report.type);
-  out.pixels = image.data();
-  if (is_integer(report.type)) {
-    elements = to_elements(picture, report.type, options.encoding, report);
-    out.pixels = elements.get();
-  } else {
-    // The library converts to half itself, without a word about what does not fit.
-    std::int64_t odd = 0, high = 0;
-    for (std::size_t i = 0; i < image.value_count(); ++i) {
-      odd += !std::isfinite(image.data()[i]);
-      high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) >= 65520.f;
-    }
-    report.nonfinite += odd;
-    report.clamped_high += high;
-    if (report.type == PixelType::half) {
-      elements.reset(std::malloc(image.value_count() * 2));
-      if (!elements) throw std::bad_alloc();
-      floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()));
-      out.pixels = elements.get();
-    }
-  }
-  std::vector<const char*> names;
-  for (const std::string& name : picture.channels.names) names.push_back(name.c_str());
-  out.names = names.data();
-  out.compression = compression.c_str();
-  const std::string description = *format.attribute ? join_metadata(options.metadata) : "";
-  out.description = description.c_str();
-  out.attribute = format.attribute;
-  if (!*format.attribute && !join_metadata(options.metadata).empty()) {
-    report.warnings.push_back(std::string("the format ") + format.extension +
-                              " holds no metadata: the layout is not recorded");
-  }
-  const ColorEncoding color = stored_color(options, report.type);
-  const std::string curve = curve_for_imageio(format.name, color);
-  out.curve = curve.c_str();
-  Sink target{file, std::string_view(format.name) == "png" ? png_color_chunks(color) : ""};
-  EnvconvImageioSink sink{};
-  sink.context = &target;
-  sink.write = [](void* s, const void* data, std::size_t size) { static_cast<Sink*>(s)->write(data, size); };
-  sink.read = [](void* s, void* data, std::size_t size) { return static_cast<Sink*>(s)->file.read(data, size); };
-  sink.seek = [](void* s, std::uint64_t position) { static_cast<Sink*>(s)->file.seek(position); };
-  sink.tell = [](void* s) { return static_cast<Sink*>(s)->file.tell(); };
-  sink.size = [](void* s) { return static_cast<Sink*>(s)->file.size(); };
-  char error[1024] = "";
-  if (!module->write(format.name, &out, &sink, error, sizeof error)) return Error{ErrorCode::output, error};
-  return Ok{};
-}
-
 Result<Ok> write_texture(OutputFile& file, std::span<const std::vector<Picture>> levels, const Format& format,
                          const WriteOptions& options, WriteReport& report) {
   const std::string_view name = format.name;
@@ -520,7 +435,8 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   } else if (std::string_view(format->name) == "pfm") {
     write_pfm(file, pictures.front(), options, report);
   } else {
-    done = write_module(file, pictures.front(), *format, compression, options, report);
+    done =
+        write_imageio(file, levels, {format->name, format->extension, format->attribute, compression}, options, report);
   }
   if (!done) return on(path, done.error());
   if (file.size() == 0) return on(path, ErrorCode::output, "the writer of this format wrote nothing");
@@ -554,7 +470,7 @@ Result<Ok> can_write(const std::string& path, const WriteOptions& options, int p
     if (parts > 1 && !texture && std::string_view(format->name) != "openexr") {
       return on(path, ErrorCode::unsupported, "only EXR, DDS, KTX and KTX2 hold several pictures in a file");
     }
-    if (levels > 1 && !texture && std::string_view(format->name) != "openexr") {
+    if (levels > 1 && !format->levels) {
       return on(path, ErrorCode::unsupported, "the format cannot hold MIP levels (" + std::string(level_hint) + ")");
     }
     ENVCONV_CHECK(check_channels(path, *format, channels));

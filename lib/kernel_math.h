@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The vocabulary in which kernels are written, for double (the reference) and for Jet (automatic differentiation).
-// layout_kernel-inl.h gives the same words, with the same signatures, to SIMD lanes.
+// lane-inl.h gives the same words, with the same signatures, to SIMD lanes.
 //
 //   + - * /  unary -  < <= > >=  abs min max sqrt floor copysign select
 //   sincos_turns(t, s, c)   sine and cosine of 2 pi t, any t of moderate size

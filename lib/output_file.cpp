@@ -238,12 +238,13 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
 }
 
 void OutputFile::write(const void* data, std::size_t count) {
+  if (count == 0) return;  // which makes no file longer, wherever the position is
   State& s = *state_;
   constexpr std::size_t kBuffer = std::size_t{1} << 18;
   const std::uint64_t at = s.position;
   s.position += count;
   s.size = std::max(s.size, s.position);
-  if (s.error != 0 || count == 0) return;
+  if (s.error != 0) return;
   if (!s.buffer.empty() && (s.buffer_position + s.buffer.size() != at || s.buffer.size() + count > kBuffer)) s.flush();
   const char* bytes = static_cast<const char*>(data);
   if (count >= kBuffer) {

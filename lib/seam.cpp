@@ -137,8 +137,8 @@ std::vector<EdgeTexel> edge_texels(const EnvImage& image, const Groups& groups) 
     for (int k = 0; k < edge.count(); ++k)
       texels.push_back({edge.face, edge.x(k, 0), edge.y(k, 0), groups.index(edge.face, edge.x(k, 0), edge.y(k, 0))});
   std::ranges::sort(texels, {}, &EdgeTexel::index);
-  const auto again = std::ranges::unique(texels, {}, &EdgeTexel::index);
-  texels.erase(again.begin(), again.end());
+  const auto same = [](const EdgeTexel& a, const EdgeTexel& b) { return a.index == b.index; };
+  texels.erase(std::unique(texels.begin(), texels.end(), same), texels.end());
   return texels;
 }
 
@@ -342,31 +342,86 @@ void fix_seams(EnvImage& image, const Seam& seam) {
 
 namespace {
 
-// A disc's edge is its rim: the texels of the rectangle just beyond it are gutter too.  What they are read from lies
-// between such texels itself, so the first pass is refined by others.
-void add_rims(const EnvImage& image, int texels, std::vector<Image>& grown) {
+// One mark a texel of a face.
+class Marks {
+ public:
+  explicit Marks(Size size)
+      : size_(size), marks_(static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height)) {}
+  char& at(int x, int y) {
+    return marks_[static_cast<std::size_t>(y) * static_cast<std::size_t>(size_.width) + static_cast<std::size_t>(x)];
+  }
+
+ private:
+  Size size_;
+  std::vector<char> marks_;
+};
+
+// Marks the texels that a face does not own the centres of, within a distance along both axes of one that it does.
+Marks beyond_curve(const EnvImage& image, int f, int distance) {
+  const Image& face = image.faces[static_cast<std::size_t>(f)];
+  const int w = face.width(), h = face.height();
+  Marks inside({w, h}), beyond({w, h});
+  tbb::parallel_for(0, h, [&](int y) {
+    for (int x = 0; x < w; ++x)
+      inside.at(x, y) = image.layout->owns(f, u_from_texel(x, w, image.placement), u_from_texel(y, h, image.placement));
+  });
+  const auto is_in = [&](int x, int y) { return inside.at(std::clamp(x, 0, w - 1), std::clamp(y, 0, h - 1)) != 0; };
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x) {
+      if (!is_in(x, y) || (is_in(x - 1, y) && is_in(x + 1, y) && is_in(x, y - 1) && is_in(x, y + 1))) continue;
+      for (int j = std::max(0, y - distance); j <= std::min(h - 1, y + distance); ++j)
+        for (int i = std::max(0, x - distance); i <= std::min(w - 1, x + distance); ++i)
+          if (!is_in(i, j)) beyond.at(i, j) = 1;
+    }
+  return beyond;
+}
+
+// Where a face's edge is a curve inside its rectangle, the texels that are centred beyond it are gutter too: the face's
+// own radiance as far as it has a part of the texel, and the rest from beyond.  What that is read from lies between
+// such texels itself, so the first pass is refined by others.
+//
+// Two sides agree then to within what lies between texels, but for sphere-map and mirror-ball.  Their rim r = 1 is one
+// direction, and what is at an angle e from it has 1 - r = e^2/8.  Of N texels across, the one whose centre the rim
+// passes holds what is up to e = sqrt(8/N) away, 2/3 of that on average, and reconstruction shows there this texel and
+// no other, whatever lies beyond; its opposite does the same on the other side.  So the two sides differ by radiance
+// (4/3) sqrt(8/N) apart, 27 degrees for N = 64, and that falls as the root of N, where steps inside the face fall as N:
+// no gutter makes it less than those.
+void add_beyond_curves(const EnvImage& image, int texels, std::vector<Image>& grown) {
   constexpr int passes = 6;
   struct Texel {
     float* to;
     const Image* from;
-    double x, y;
+    double x, y, own;  // own: the part that the face has itself
+    const float* value;
   };
   const Layout& layout = *image.layout;
   std::vector<Texel> ring;
   for (int f = 0; f < layout.face_count(); ++f) {
-    const int w = image.faces[static_cast<std::size_t>(f)].width(),
-              h = image.faces[static_cast<std::size_t>(f)].height();
-    for (int j = 0; j < h; ++j)
-      for (int i = 0; i < w; ++i) {
-        const double u = u_from_texel(i, w, image.placement), v = u_from_texel(j, h, image.placement);
-        const double beyond = (std::hypot(2 * u - 1, 2 * v - 1) - 1) * 0.5 * std::min(w, h);  // in texels
-        if (beyond <= 0 || beyond > texels + 1) continue;
-        const Location at = layout.locate(layout.direction(f, u, v));
-        const Image& owner = image.faces[static_cast<std::size_t>(at.face)];
-        ring.push_back({grown[static_cast<std::size_t>(f)].at(i + texels, j + texels),
-                        &grown[static_cast<std::size_t>(at.face)],
-                        texel_from_u(at.u, owner.width(), image.placement) + texels,
-                        texel_from_u(at.v, owner.height(), image.placement) + texels});
+    const Image& face = image.faces[static_cast<std::size_t>(f)];
+    const int w = face.width(), h = face.height();
+    const std::vector<double> us = texel_bounds(w, image.placement), vs = texel_bounds(h, image.placement);
+    std::vector<double> whole(static_cast<std::size_t>(w)), owned(static_cast<std::size_t>(w));
+    Marks beyond = beyond_curve(image, f, texels + 1);
+    for (int y = 0; y < h; ++y)
+      for (int begin = 0, end; begin < w; begin = end) {
+        for (end = begin + 1; end < w && beyond.at(end, y) == beyond.at(begin, y);) ++end;
+        if (!beyond.at(begin, y)) continue;
+        const auto u =
+            std::span(us).subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(end - begin) + 1);
+        const auto v = std::span(vs).subspan(static_cast<std::size_t>(y), 2);
+        cell_solid_angles(layout, f, u, v, false, whole.data());
+        cell_solid_angles(layout, f, u, v, true, owned.data());
+        for (int x = begin; x < end; ++x) {
+          const auto k = static_cast<std::size_t>(x - begin);
+          const Location at = layout.locate(
+              layout.direction(f, u_from_texel(x, w, image.placement), u_from_texel(y, h, image.placement)));
+          const Image& owner = image.faces[static_cast<std::size_t>(at.face)];
+          ring.push_back({grown[static_cast<std::size_t>(f)].at(x + texels, y + texels),
+                          &grown[static_cast<std::size_t>(at.face)],
+                          texel_from_u(at.u, owner.width(), image.placement) + texels,
+                          texel_from_u(at.v, owner.height(), image.placement) + texels,
+                          whole[k] > 0 ? std::clamp(owned[k] / whole[k], 0.0, 1.0) : 0.0, face.at(x, y)});
+        }
       }
   }
   const auto channels = static_cast<std::size_t>(image.channels.count());
@@ -375,7 +430,9 @@ void add_rims(const EnvImage& image, int texels, std::vector<Image>& grown) {
     for (std::size_t k = 0; k < ring.size(); ++k)
       read_clamped(*ring[k].from, ring[k].x, ring[k].y, &values[k * channels]);
     for (std::size_t k = 0; k < ring.size(); ++k)
-      for (std::size_t c = 0; c < channels; ++c) ring[k].to[c] = static_cast<float>(values[k * channels + c]);
+      for (std::size_t c = 0; c < channels; ++c)
+        ring[k].to[c] =
+            static_cast<float>(std::lerp(values[k * channels + c], static_cast<double>(ring[k].value[c]), ring[k].own));
   }
 }
 
@@ -405,7 +462,7 @@ std::vector<Image> with_gutters(const EnvImage& image, int texels) {
       }
     });
   }
-  if (texels > 0 && layout.info().domain == Domain::disc) add_rims(image, texels, grown);
+  if (texels > 0 && layout.info().domain != Domain::square) add_beyond_curves(image, texels, grown);
   return grown;
 }
 

@@ -54,8 +54,10 @@ Placement placement_for(const Layout& layout, const Seam& seam);
 /// The mean over the sphere is kept.  Other methods change nothing.
 void fix_seams(EnvImage& image, const Seam& seam);
 
-/// The faces of one level grown by `texels` on every side, filled with radiance from beyond the edges; the faces
-/// themselves are unchanged in the middle.  texels >= 0.
+/// The faces of one level grown by `texels` on every side, filled with radiance from beyond the edges.  So are texels
+/// of the rectangle that are centred beyond an edge which is a curve, each with the face's own radiance in the part of
+/// it that the face owns: it stands for all of the texel then, and the mean over parts of texels is not kept.  All
+/// other texels are unchanged.  texels >= 0.
 std::vector<Image> with_gutters(const EnvImage& image, int texels);
 /// The inverse: the middle of each face.
 std::vector<Image> without_gutters(const std::vector<Image>& faces, int texels);
@@ -75,8 +77,9 @@ struct SeamError {
 };
 /// Compares, at points along every seam, the clamped bilinear reconstructions of its two sides (the largest difference
 /// among channels of radiance), beside steps of one texel inside faces, which is how far the two sides' texels are
-/// apart at an edge.  Seams are the edges of faces, as far as the layout owns what is there, and the curves on which
-/// ownership changes inside them.  `grown`: the faces with gutters of so many texels, or empty.
+/// apart at an edge; inside is every texel of which the layout owns a part.  Seams are the edges of faces, as far as
+/// the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces with
+/// gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv

@@ -148,7 +148,21 @@ class Measure {
     add_point(on, layout_.direction(f, beyond.u, beyond.v), tally);
   }
 
-  // Neighbouring texels that the layout owns.
+  // True when the layout owns some of a texel.  What a face shows of a light on a seam may be in a texel that is
+  // centred beyond it.
+  bool holds_radiance(int f, int x, int y) const {
+    const Size size = size_of(f);
+    const auto owns = [&](double i, double j) {
+      const double u = u_from_texel(i, size.width, image_.placement),
+                   v = u_from_texel(j, size.height, image_.placement);
+      return layout_.owns(f, std::clamp(u, 0.0, 1.0), std::clamp(v, 0.0, 1.0));
+    };
+    constexpr double corner = 0.49;
+    return owns(x, y) || owns(x - corner, y - corner) || owns(x + corner, y - corner) || owns(x - corner, y + corner) ||
+           owns(x + corner, y + corner);
+  }
+
+  // Neighbouring texels.
   void add_inside(int f, Tally& tally) const {
     const Size size = size_of(f);
     const Image& face = image_.faces[static_cast<std::size_t>(f)];
@@ -157,15 +171,12 @@ class Measure {
     tbb::parallel_for(0, size.height, [&](int y) {
       const auto channels = static_cast<std::size_t>(face.channels());
       std::vector<double> a(channels), b(channels);
-      const auto owns = [&](int x, int j) {
-        return whole || layout_.owns(f, u_from_texel(x, size.width, image_.placement),
-                                     u_from_texel(j, size.height, image_.placement));
-      };
+      const auto counts = [&](int x, int j) { return whole || holds_radiance(f, x, j); };
       for (int x = 0; x < size.width; ++x) {
-        if (!owns(x, y)) continue;
+        if (!counts(x, y)) continue;
         std::copy_n(face.at(x, y), channels, a.begin());
         for (const auto& [i, j] : {std::pair{x + 1, y}, {x, y + 1}}) {
-          if (i >= size.width || j >= size.height || !owns(i, j)) continue;
+          if (i >= size.width || j >= size.height || !counts(i, j)) continue;
           std::copy_n(face.at(i, j), channels, b.begin());
           rows[static_cast<std::size_t>(y)].add(difference(a.data(), b.data()));
         }

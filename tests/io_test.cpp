@@ -31,6 +31,7 @@
 #include <thread>
 
 #include "output_file.h"
+#include "tiff_chain.h"
 
 namespace envconv {
 namespace {
@@ -244,6 +245,103 @@ TEST_F(Io, MultiPartKeepsNamesAndSizes) {
     EXPECT_EQ(worst(faces[i].image, file->pictures[i].image, relative), 0);
   }
   EXPECT_EQ(can_write("x.png", write, 6, 3).error().code, ErrorCode::unsupported);
+}
+
+// --- TIFF of levels ------------------------------------------------------------------------------------------------
+
+// Levels of 40x20 down to 1x1, of noise, so that none is made of another.
+std::vector<std::vector<Picture>> chain_of(int channels) {
+  std::vector<std::vector<Picture>> levels;
+  for (int k = 0; k < 6; ++k)
+    levels.push_back(
+        one(make(std::max(1, 40 >> k), std::max(1, 20 >> k), channels, 0, 1, static_cast<unsigned>(k + 1))));
+  return levels;
+}
+
+TEST_F(Io, TiffLevels) {
+  using enum PixelType;
+  struct Case {
+    PixelType type;
+    int channels;
+    const char* compression;
+    double tolerance;  // relative of floats, in coded values of integers
+  };
+  const Case cases[] = {{float32, 1, "", 0},      {float32, 3, "zip", 0},         {float32, 4, "none", 0},
+                        {float32, 7, "lzw", 0},   {half, 3, "", 0.0006},          {half, 4, "packbits", 0.0006},
+                        {uint16, 1, "zip", 1e-5}, {uint16, 3, "lzw", 1e-5},       {uint16, 4, "none", 1e-4},
+                        {uint8, 2, "zip", 0.02},  {uint8, 3, "packbits", 0.0021}, {uint8, 4, "none", 0.02}};
+  for (const Case& c : cases) {
+    SCOPED_TRACE(std::string(name_of(c.type)) + " " + std::to_string(c.channels) + " " + c.compression);
+    const auto levels = chain_of(c.channels);
+    WriteOptions write;
+    write.type = c.type;
+    write.type_given = true;
+    write.compression = c.compression;
+    write.metadata = {{"envconv:layout", "latlong"}};
+    write.verify = true;
+    const auto report = write_levels(path("levels.tif"), levels, write);
+    ASSERT_TRUE(report.ok()) << report.error().message;
+    EXPECT_TRUE(report->warnings.empty());
+    ReadOptions read;
+    for (read.level = 0; read.level < 6; ++read.level) {
+      read.trust_input = read.level % 2 == 0;
+      const auto file = read_pictures(path("levels.tif"), read);
+      ASSERT_TRUE(file.ok()) << file.error().message;
+      EXPECT_TRUE(file->warnings.empty());
+      EXPECT_EQ(file->levels, 6);
+      EXPECT_EQ(file->metadata.at("envconv:layout"), "latlong");
+      const Picture &got = file->pictures[0], &given = levels[static_cast<std::size_t>(read.level)][0];
+      EXPECT_EQ(got.type, c.type);
+      const bool integer = c.type == uint8 || c.type == uint16;
+      EXPECT_LE(worst(given.image, got.image,
+                      [&](float a, float b) { return integer ? std::abs(srgb(a) - srgb(b)) : relative(a, b); }),
+                c.tolerance);
+    }
+    EXPECT_EQ(read_pictures(path("levels.tif"), read).error().code, ErrorCode::input);
+  }
+}
+
+// As if 32 bits did not hold the offsets: the pictures were written as small files, and the chain is a large one.
+TEST_F(Io, ATiffChainBeyond4GiB) {
+  WriteOptions write;
+  write.type = PixelType::float32;
+  const auto levels = chain_of(3);
+  for (const std::uint64_t largest : {std::uint64_t{0xFFFFFFFF}, std::uint64_t{1000}}) {
+    auto output = OutputFile::create(path("chain.tif"));
+    ASSERT_TRUE(output.ok());
+    TiffChain chain(*output);
+    for (const auto& level : levels) {
+      ASSERT_TRUE(write_pictures(path("part.tif"), level, write).ok());
+      const std::string part = bytes_of(path("part.tif"));
+      output->seek(chain.begin());
+      output->write(part.data(), part.size());
+      const auto ended = chain.end();
+      ASSERT_TRUE(ended.ok()) << ended.error().message;
+    }
+    ASSERT_TRUE(chain.finish(largest).ok());
+    ASSERT_TRUE(output->commit().ok());
+    EXPECT_EQ(bytes_of(path("chain.tif")).substr(0, 4), std::string(largest > 1000 ? "II*\0" : "II+\0", 4));
+    const auto file = read_pictures(path("chain.tif"), {});
+    ASSERT_TRUE(file.ok()) << file.error().message;
+    EXPECT_EQ(worst(file->pictures[0].image, levels[0][0].image, relative), 0);
+    // Without the mark of a texture they are pictures of their own.
+    ASSERT_EQ(file->warnings.size(), 1u);
+    EXPECT_NE(file->warnings[0].find("only the first of several pictures"), std::string::npos);
+  }
+}
+
+TEST_F(Io, WhatIsNoTiffCannotBeChained) {
+  for (const std::string& part : {std::string(), std::string("II*\0\xff\xff\xff\x7f", 8), std::string(40, 'x'),
+                                  std::string("II*\0\x08\0\0\0\xff\xff", 10)}) {
+    auto output = OutputFile::create(path("chain.tif"));
+    ASSERT_TRUE(output.ok());
+    TiffChain chain(*output);
+    output->seek(chain.begin());
+    output->write(part.data(), part.size());
+    const auto ended = chain.end();
+    ASSERT_FALSE(ended.ok());
+    EXPECT_EQ(ended.error().code, ErrorCode::output);
+  }
 }
 
 TEST_F(Io, EnvmapAttribute) {
@@ -820,6 +918,14 @@ TEST_F(Io, AFullDiskLeavesTheOldContent) {
     EXPECT_EQ(files_in(mount), 1) << name;
     fs::remove(file);
   }
+  for (const char* name : {"levels.tif", "levels.exr"}) {
+    std::vector<std::vector<Picture>> levels;
+    for (const int width : {700, 350, 175}) levels.push_back(one(make(width, width * 4 / 7, 3)));
+    const auto report = write_levels(mount + "/" + name, levels, {});
+    ASSERT_FALSE(report.ok()) << name;
+    EXPECT_NE(report.error().message.find("No space left"), std::string::npos) << report.error().message;
+    EXPECT_EQ(files_in(mount), 0) << name;
+  }
   // Full to the last byte: not even the first one can be written.
   put(mount + "/filler", std::string(200000, 'x'));
   for (const char* name : {"a.exr", "a.hdr", "a.png", "a.tif", "a.jpg"}) {
@@ -846,6 +952,19 @@ TEST_F(Io, VerificationFindsDamage) {
     EXPECT_NE(report.error().message.find("read back"), std::string::npos) << report.error().message;
     EXPECT_EQ(bytes_of(path(name)), "old content");
   }
+  EXPECT_EQ(files_in(folder_), 5);
+  // In the middle of a file with levels is level 0.
+  WriteOptions write;
+  write.type = PixelType::float32;
+  write.compression = "none";
+  write.verify = true;
+  ::setenv("ENVCONV_TEST_WRITER", "flip", 1);
+  std::vector<std::vector<Picture>> levels;
+  for (const int side : {128, 64}) levels.push_back(one(make(side, side, 3)));
+  const auto report = write_levels(path("levels.tif"), levels, write);
+  ::unsetenv("ENVCONV_TEST_WRITER");
+  ASSERT_FALSE(report.ok());
+  EXPECT_NE(report.error().message.find("read back"), std::string::npos) << report.error().message;
   EXPECT_EQ(files_in(folder_), 5);
 }
 

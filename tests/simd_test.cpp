@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cstring>
 
-// As in layout_kernel-inl.h: the targets that the layouts were compiled for.
+// As in lane-inl.h: the targets that the layouts were compiled for.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV | HWY_SSSE3 | HWY_AVX3_DL)
 #include <hwy/highway.h>
 

@@ -42,6 +42,8 @@ std::vector<Size> stored_sizes(const Layout& layout, int height, int level, cons
 // An error where the images of packed faces do not halve from level to level, as those of one file must.
 Result<Ok> check_halving(const LevelPlace& place, int height, int levels, const Seam& seam, const std::string& apart) {
   if (is_apart(*place.packing)) return Ok{};
+  const std::string extension = extension_of(place.output);
+  const std::string packing = extension == "tif" || extension == "tiff" ? "files" : "parts";
   Size first{};
   for (int k = 0; k < levels; ++k) {
     ENVCONV_TRY(const PackedShape shape,
@@ -49,11 +51,10 @@ Result<Ok> check_halving(const LevelPlace& place, int height, int levels, const 
     if (k == 0) first = shape.size;
     const Size halved = level_size(first, k);
     if (shape.size != halved)
-      return Error{ErrorCode::unsupported, place.output + ": level " + std::to_string(k) +
-                                               " of the faces makes an image of " + text(shape.size) +
-                                               ", where the file's must be " + text(halved) +
-                                               " (--packing parts keeps the faces apart, a power of two as --size " +
-                                               "halves, or " + apart + ")"};
+      return Error{ErrorCode::unsupported,
+                   place.output + ": level " + std::to_string(k) + " of the faces makes an image of " +
+                       text(shape.size) + ", where the file's must be " + text(halved) + " (--packing " + packing +
+                       " keeps the faces apart, a power of two " + "as --size halves, or " + apart + ")"};
   }
   return Ok{};
 }

@@ -146,8 +146,8 @@ class Disks(Injected):
     def test_every_write(self):
         # Large enough for many writes of its bands.
         write_exr(self.path("in.exr"), 32, 16, lambda x, y: ((x * 7 + y * 11) % 13, x * y % 17, y))
-        for kind, size in (("exr", 300), ("hdr", 600), ("pfm", 200), ("tif", 300)):
-            words = ("in.exr", "-o", f"out.{kind}", "--size", size, "-q")
+        for kind, size, *levels in (("exr", 300), ("hdr", 600), ("pfm", 200), ("tif", 300), ("tif", 256, "--mips")):
+            words = ("in.exr", "-o", f"out.{kind}", "--size", size, "-q", *levels)
             if kind in ("exr", "tif"):
                 words += ("--compression", "none")
             self.run_injected("write:0:0", *words, expect=(0,))

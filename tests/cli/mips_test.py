@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MIP levels and seams from the command line."""
 import re
+import struct
 import subprocess
 import unittest
 
@@ -10,6 +11,51 @@ from harness import Case, direction, read_exr, write_constant, write_directions,
 def write_sun(path, width=64, height=32):
     """A grey sky with one texel of 5e4."""
     write_exr(path, width, height, lambda x, y: (5e4, 4e4, 3e4) if (x, y) == (40, 9) else (0.5 + 0.01 * x, 0.4, 0.3 + 0.01 * y))
+
+
+# Tags of TIFF 6.0, and the one by which OpenImageIO and other renderers know a texture.
+SUBFILE, WIDTH, HEIGHT, BITS, COMPRESSION, STRIPS, CHANNELS, ROWS_PER_STRIP = 254, 256, 257, 258, 259, 273, 277, 278
+TILE_WIDTH, TILE_HEIGHT, TILES, TEXTURE_FORMAT = 322, 323, 324, 33302
+
+
+def tiff_pictures(path, pixels=True):
+    """Tags and rows of bytes of all pictures of a little-endian TIFF file that is not compressed."""
+    data = path.read_bytes()
+    mark, at = struct.unpack_from("<4sI", data)
+    if mark != b"II*\0":
+        raise ValueError("not a TIFF file of 32-bit offsets")
+    pictures = []
+    while at:
+        tags = {SUBFILE: (0,)}
+        count, = struct.unpack_from("<H", data, at)
+        for i in range(count):
+            place = at + 2 + 12 * i
+            tag, kind, number = struct.unpack_from("<HHI", data, place)
+            form = {2: f"{number}s", 3: f"{number}H", 4: f"{number}I"}.get(kind)
+            if form is None:
+                continue
+            if struct.calcsize("<" + form) > 4:
+                place = struct.unpack_from("<I", data, place + 8)[0] - 8
+            tags[tag] = struct.unpack_from("<" + form, data, place + 8)
+        at, = struct.unpack_from("<I", data, at + 2 + 12 * count)
+        pictures.append((tags, tiff_rows(data, tags) if pixels else None))
+    return pictures
+
+
+def tiff_rows(data, tags):
+    if tags[COMPRESSION] != (1,):
+        raise ValueError("a compressed TIFF file")
+    (width,), (height,), (channels,) = tags[WIDTH], tags[HEIGHT], tags[CHANNELS]
+    texel = channels * tags[BITS][0] // 8
+    tile_width, tile_height = tags.get(TILE_WIDTH, (width,))[0], tags.get(TILE_HEIGHT, tags.get(ROWS_PER_STRIP))[0]
+    across = -(-width // tile_width)
+    rows = [bytearray() for _ in range(height)]
+    for i, offset in enumerate(tags.get(TILES) or tags[STRIPS]):
+        top, left = i // across * tile_height, i % across * tile_width
+        for y in range(top, min(height, top + tile_height)):
+            start = offset + (y - top) * tile_width * texel
+            rows[y] += data[start : start + min(tile_width, width - left) * texel]
+    return rows
 
 
 class Levels(Case):
@@ -81,11 +127,14 @@ class Levels(Case):
     def test_what_formats_cannot_hold(self):
         write_constant(self.path("in.exr"))
         run = lambda *words, expect=5: self.run_tool("convert", "in.exr", *words, expect=expect)
-        for name in ("x.png", "x.hdr", "x.tif", "x.jpg"):
+        for name in ("x.png", "x.hdr", "x.jpg"):
             run("--mips", "--size", 8, "-o", name).says("MIP levels", "{mip}", ".dds")
         run("--mips", "--size", 12, "-o", "x.exr").says("level 3", "--packing parts", "{mip}")
         run("--mips", "--size", 8, "--seam", "gutter:2", "-o", "x.exr").says("gutters", "{mip}", "--mips=1")
         run("--mips=2", "--size", 8, "-o", "x.exr").says("whole chain", "--mips")
+        run("--mips", "--size", 12, "-o", "x.tif").says("level 3", "a power of two", "{mip}")
+        run("--mips", "--size", 8, "--seam", "gutter:2", "-o", "x.tif").says("gutters", "{mip}", "--mips=1")
+        run("--mips", "--size", 8, "--packing", "parts", "-o", "x.tif").says("several pictures")
         self.assertEqual(self.files(), ["in.exr"])
         run("--mips", "--size", 12, "--packing", "parts", "-o", "x.exr", expect=0)
         run("--mips=1", "--size", 12, "-o", "x.png", expect=0)
@@ -107,6 +156,46 @@ class Levels(Case):
         mips = self.json("convert", "in.exr", "--size", 64, "--mips", "--seam", "stretch", "--dry-run", "-o", "x.exr")
         self.assertEqual((plain["levels"], plain["seam"]), (1, "none"))
         self.assertEqual((mips["levels"], mips["seam"]), (7, "stretch"))
+
+    def test_a_tiff_with_levels(self):
+        write_sun(self.path("in.exr"))
+        for kind, layout, packing, size in (("float", "cube", "cross", 32), ("half", "latlong", "row", 128),
+                                            ("uint16", "octahedral", "row", 70), ("uint8", "cube", "column", 16)):
+            common = ["--to", layout, "--packing", packing, "--size", size, "--type", kind, "--compression", "none",
+                      "--in-colorspace", "raw", "-q"]
+            self.run_tool("convert", "in.exr", *common, "--mips", "--verify", "-o", "all.tif")
+            self.run_tool("convert", "in.exr", *common, "-o", "level_{mip}.tif")
+            pictures = tiff_pictures(self.path("all.tif"))
+            self.assertEqual(len(pictures), self.json("info", "all.tif")["levels"])
+            self.assertEqual(len(pictures), len([f for f in self.files() if f.startswith("level_")]))
+            for k, (tags, rows) in enumerate(pictures):
+                (alone, expected), = tiff_pictures(self.path(f"level_{k}.tif"))
+                self.assertEqual(tags[SUBFILE], (1,) if k else (0,))
+                self.assertEqual((tags[WIDTH], tags[HEIGHT]), (alone[WIDTH], alone[HEIGHT]))
+                self.assertEqual((tags[TILE_WIDTH], tags[TILE_HEIGHT]), ((64,), (64,)))
+                self.assertEqual(tags[TEXTURE_FORMAT], (b"Plain Texture\0",))
+                self.assertEqual(rows, expected, (kind, layout, k))
+                self.path(f"level_{k}.tif").unlink()
+        # As many levels as are asked for.
+        self.run_tool("convert", "in.exr", "--size", 32, "--mips=3", "-o", "three.tif")
+        self.assertEqual(len(tiff_pictures(self.path("three.tif"), pixels=False)), 3)
+
+    def test_openimageio_reads_the_levels_of_a_tiff(self):
+        write_sun(self.path("in.exr"))
+        for kind, compression in (("float", "lzw"), ("half", "zip"), ("uint16", "packbits"), ("uint8", "none")):
+            self.run_tool("convert", "in.exr", "--to", "latlong", "--size", 128, "--type", kind, "--compression",
+                          compression, "--mips", "--in-colorspace", "raw", "-q", "-o", "all.tif")
+            told = subprocess.run(["oiiotool", "--info", "-v", "-a", "all.tif"], cwd=self.folder, capture_output=True,
+                                  check=True, text=True).stdout
+            self.assertIn(f"256 x  128, 3 channel, {kind} tiff", told)
+            self.assertIn("MIP-map levels: 256x128 128x64 64x32 32x16 16x8 8x4 4x2 2x1 1x1", told)
+        self.run_tool("convert", "in.exr", "--to", "latlong", "--size", 128, "--type", "float", "--mips", "-o", "all.tif")
+        self.run_tool("convert", "in.exr", "--to", "latlong", "--size", 128, "--type", "float", "--compression", "none",
+                      "-o", "level_{mip}.exr")
+        for k in range(9):
+            subprocess.run(["oiiotool", "all.tif", "--selectmip", str(k), "--scanline", "--compression", "none", "-d",
+                            "float", "-o", "one.exr"], cwd=self.folder, capture_output=True, check=True)
+            self.assertEqual(read_exr(self.path("one.exr"))[2], read_exr(self.path(f"level_{k}.exr"))[2])
 
     def test_levels_of_a_tiff(self):
         write_directions(self.path("in.exr"))
