@@ -415,7 +415,6 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
       std::min(thread_count(options.threads), static_cast<int>(std::min<off_t>(info.st_size / 200000, 1023)) + 1);
   if (options.header_only) how.threads = 1;
   how.level = options.level;
-  if (options.trust_input && *format == "openexr" && how.threads > 1) set_exr_pool_threads(how.threads);
   auto opened = options.trust_input ? open_decoder(*format, fd.get(), how) : open_isolated(*format, fd.get(), how);
   if (!opened) return on(path, opened.error());
   Decoder& decoder = **opened;

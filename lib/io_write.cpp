@@ -20,6 +20,7 @@
 #include "io_shared.h"
 #include "ktx.h"
 #include "png_color.h"
+#include "row_kernels.h"
 
 namespace envconv {
 
@@ -307,20 +308,19 @@ Result<Ok> write_module(OutputFile& file, const Picture& picture, const Format& 
     elements = to_elements(picture, report.type, options.encoding, report);
     out.pixels = elements.get();
   } else {
-    // The library converts to half itself, without a word about what does not fit.
-    std::int64_t odd = 0, high = 0;
-    for (std::size_t i = 0; i < image.value_count(); ++i) {
-      odd += !std::isfinite(image.data()[i]);
-      high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) >= 65520.f;
-    }
-    report.nonfinite += odd;
-    report.clamped_high += high;
+    HalfCounts odd;
     if (report.type == PixelType::half) {
+      // The library converts to half itself, without a word about what does not fit.
       elements.reset(std::malloc(image.value_count() * 2));
       if (!elements) throw std::bad_alloc();
-      floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()));
+      floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()), odd);
       out.pixels = elements.get();
+    } else {
+      odd.nonfinite =
+          std::count_if(image.data(), image.data() + image.value_count(), [](float v) { return !std::isfinite(v); });
     }
+    report.nonfinite += odd.nonfinite;
+    report.clamped_high += odd.high;
   }
   std::vector<const char*> names;
   for (const std::string& name : picture.channels.names) names.push_back(name.c_str());
@@ -491,7 +491,6 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   if (levels.empty()) return on(path, ErrorCode::internal, "no level to write");
   const std::vector<Picture>& pictures = levels.front();
   if (pictures.empty()) return on(path, ErrorCode::internal, "no picture to write");
-  std::size_t values = 0;
   for (const Picture& picture : pictures) {
     if (picture.image.empty() || picture.image.width() < 1 || picture.image.height() < 1) {
       return on(path, ErrorCode::internal, "a picture without pixels");
@@ -501,7 +500,6 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     }
     ENVCONV_CHECK(can_write(path, options, static_cast<int>(pictures.size()), picture.image.channels(),
                             static_cast<int>(levels.size())));
-    values += picture.image.value_count();
   }
   ENVCONV_TRY(const Format* format, format_of(path));
   WriteReport report;
@@ -510,9 +508,7 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   ENVCONV_TRY(OutputFile file, OutputFile::create(path));
   Result<Ok> done = Ok{};
   if (std::string_view(format->name) == "openexr") {
-    if (values > (1u << 18)) set_exr_pool_threads(thread_count(options.threads));
-    done = levels.size() > 1 ? write_exr_levels(file, levels, options, report)
-                             : write_exr(file, pictures, options, report);
+    done = write_exr(file, levels, options, report);
   } else if (std::string_view(format->name) == "hdr") {
     done = write_hdr(file, pictures.front(), options, report);
   } else if (is_texture_file(format->name)) {
