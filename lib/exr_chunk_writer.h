@@ -19,9 +19,9 @@ namespace envconv {
 /// at a time; the bytes are the same whatever their number.
 class ChunkWriter {
  public:
-  /// The level at which chunks are deflated where none is asked for: files no larger than OpenEXR's own are by default,
-  /// in less than half the time.
-  static constexpr int usual_level = 4;
+  /// The level at which chunks are deflated where none is asked for: the fastest whose files are not larger, by more
+  /// than a thousandth, than those of OpenEXR's zlib at its level 4 (photographs, noise; half and float).
+  static constexpr int usual_level = 2;
 
   /// One header a part, scan lines or tiles.  `level` is from 1 to 12.  Throws what OpenEXR throws of headers that are
   /// not valid.
