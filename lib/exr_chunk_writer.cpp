@@ -179,7 +179,7 @@ void ChunkWriter::write(std::size_t part, int level, const Image& image, const s
     return put(packer);
   }
   // Runs leave in their order, so no two that are under way at a time have the same packer.
-  std::vector<ChunkPacker> packers(2 * static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 2);
+  std::vector<ChunkPacker> packers(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1);
   const auto packer_of = [&](std::int64_t run) -> ChunkPacker& {
     return packers[static_cast<std::size_t>(run) % packers.size()];
   };
