@@ -11,16 +11,31 @@
 #include <new>
 
 #include "assertion.h"
+#include "mapped_memory.h"
 #include "solid_angle.h"
 
 namespace envconv {
 
-void Image::Free::operator()(float* p) const { std::free(p); }
+void Image::Free::operator()(float* p) const {
+  if (mapped > 0) {
+    ::munmap(p, mapped);
+  } else {
+    std::free(p);
+  }
+}
+
+Image Image::adopt(int width, int height, int channels, MappedMemory&& mapping) {
+  Image image = without_pixels(width, height, channels);
+  ENVCONV_ASSERT(mapping.size() >= image.value_count() * sizeof(float) + room);
+  const std::size_t size = mapping.size();
+  image.pixels_ = {static_cast<float*>(mapping.release()), Free(size)};
+  return image;
+}
 
 Image::Image(int width, int height, int channels) : width_(width), height_(height), channels_(channels) {
   ENVCONV_ASSERT(width >= 0 && height >= 0 && channels >= 0);
   // One vector more than the pixels, so that kernels may load whole vectors at the end.
-  const std::size_t bytes = (value_count() * sizeof(float) + 2 * 64 - 1) / 64 * 64;
+  const std::size_t bytes = (value_count() * sizeof(float) + room - 1) / 64 * 64;
   // Large images on huge pages: random reads of a panorama otherwise miss the address translation cache.
   constexpr std::size_t huge_page = std::size_t{2} << 20;
   const bool large = bytes >= 4 * huge_page;

@@ -15,6 +15,8 @@
 
 namespace envconv {
 
+class MappedMemory;
+
 /// A rectangle of float pixels, channels interleaved, rows contiguous, top row first: [height][width][channels].
 /// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.
 class Image {
@@ -29,6 +31,10 @@ class Image {
     image.channels_ = channels;
     return image;
   }
+  /// The pixels that begin at a mapping, which is undone with the image.  There are `room` bytes of zeros behind them,
+  /// so that kernels may load whole vectors at the end.
+  static Image adopt(int width, int height, int channels, MappedMemory&& mapping);
+  static constexpr std::size_t room = 2 * 64;
   Image(Image&&) noexcept = default;
   Image& operator=(Image&&) noexcept = default;
 
@@ -59,6 +65,9 @@ class Image {
     return static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
   }
   struct Free {
+    Free() {}
+    explicit Free(std::size_t bytes) : mapped(bytes) {}
+    std::size_t mapped = 0;  // bytes of a mapping, or 0
     void operator()(float* p) const;
   };
   int width_ = 0, height_ = 0, channels_ = 0;

@@ -121,6 +121,18 @@ Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limi
                                 " (--max-pixels raises it)"};
 }
 
+Error no_memory_for(std::size_t bytes) {
+  return {ErrorCode::limit, "not enough memory: the picture needs " + std::to_string(bytes >> 20) + " MB"};
+}
+
+Result<MappedMemory> Decoder::pixels(int picture) {
+  const std::size_t bytes = bytes_of(spec().pictures[static_cast<std::size_t>(picture)]);
+  MappedMemory memory = MappedMemory::zeros(bytes);
+  if (!memory.data()) return no_memory_for(bytes);
+  ENVCONV_CHECK(decode(picture, memory.data()));
+  return memory;
+}
+
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
   if (format == "openexr") return open_exr(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
@@ -366,27 +378,27 @@ bool drops_alpha(const PictureSpec& p, const ReadOptions& options) {
   return options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
 }
 
-// Gives the image, which has a size, its pixels.  `spec` is the decoder's, with its colours settled.
-Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, const ReadOptions& options,
+Result<std::unique_ptr<PixelSource>> open_source(const std::string& format, int fd, const DecoderOptions& how,
+                                                 bool trusted) {
+  if (!trusted) return open_isolated(format, fd, how);
+  ENVCONV_TRY(std::unique_ptr<Decoder> decoder, open_decoder(format, fd, how));
+  return std::unique_ptr<PixelSource>(std::move(decoder));
+}
+
+// Gives the image, which has a size, its pixels.  `spec` is the source's, with its colours settled.
+Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options,
                           Image& image) {
   const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
-  image = Image(image.width(), image.height(), image.channels());
   const bool drop_alpha = drops_alpha(p, options);
   const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
                       spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
-  const std::size_t bytes = image.pixel_count() * static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
-  std::unique_ptr<void, FreeBytes> elements;
-  void* to = image.data();
-  if (!direct) {
-    elements.reset(std::calloc(bytes, 1));
-    if (!elements) throw std::bad_alloc();
-    to = elements.get();
-  } else if (options.trust_input) {
-    // What a damaged chunk leaves out is black, not whatever was in memory.
-    std::memset(to, 0, bytes);
+  ENVCONV_TRY(MappedMemory elements, source.pixels(number));
+  if (direct) {
+    image = Image::adopt(image.width(), image.height(), image.channels(), std::move(elements));
+  } else {
+    image = Image(image.width(), image.height(), image.channels());
+    to_linear(elements.data(), p, spec, drop_alpha, image);
   }
-  ENVCONV_CHECK(decoder.decode(number, to));
-  if (!direct) to_linear(elements.get(), p, spec, drop_alpha, image);
   return Ok{};
 }
 
@@ -415,11 +427,10 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
       std::min(thread_count(options.threads), static_cast<int>(std::min<off_t>(info.st_size / 200000, 1023)) + 1);
   if (options.header_only) how.threads = 1;
   how.level = options.level;
-  if (options.trust_input && *format == "openexr" && how.threads > 1) set_exr_pool_threads(how.threads);
-  auto opened = options.trust_input ? open_decoder(*format, fd.get(), how) : open_isolated(*format, fd.get(), how);
+  auto opened = open_source(*format, fd.get(), how, options.trust_input);
   if (!opened) return on(path, opened.error());
-  Decoder& decoder = **opened;
-  FileSpec spec = decoder.spec();
+  PixelSource& source = **opened;
+  FileSpec spec = source.spec();
   if (options.level < 0 || options.level >= spec.levels) {
     return on(path, ErrorCode::input,
               "has no level " + std::to_string(options.level) + " (its levels are 0 to " +
@@ -459,7 +470,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   if (options.header_only) return file;
   if (options.accept) ENVCONV_CHECK(options.accept(file));
   for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-    const auto decoded = decode_picture(decoder, spec, static_cast<int>(i), options, file.pictures[i].image);
+    const auto decoded = decode_picture(source, spec, static_cast<int>(i), options, file.pictures[i].image);
     if (!decoded) return on(path, decoded.error());
   }
   return file;

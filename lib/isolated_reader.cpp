@@ -268,10 +268,7 @@ Plan plan_of(const FileSpec& spec) {
   Plan plan;
   for (const PictureSpec& picture : spec.pictures) {
     plan.offsets.push_back(plan.bytes);
-    plan.bytes += (static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(picture.height) *
-                       static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element) +
-                   65535) /
-                  65536 * 65536;
+    plan.bytes += bytes_of(picture);
   }
   return plan;
 }
@@ -311,7 +308,6 @@ int decode_seconds(const FileSpec& spec) {
     }
     if (hook == "exit") ::_exit(1);
     if (hook == "rubbish") finish(std::string(5000, '\x7F'));
-    if (format == "openexr" && threads > 1) set_exr_pool_threads(static_cast<int>(threads));
     auto decoder = open_decoder(format, file, options);
     if (!decoder) finish(failure(decoder.error()).bytes());
     const FileSpec& spec = (*decoder)->spec();
@@ -495,10 +491,9 @@ Error crashed(int signal) {
   return {ErrorCode::input, how.insert(0, "the reader ").append("; the file is damaged, or made to do harm")};
 }
 
-class IsolatedDecoder final : public Decoder {
+class IsolatedReader final : public PixelSource {
  public:
-  ~IsolatedDecoder() override {
-    if (memory_ != nullptr) ::munmap(memory_, plan_.bytes);
+  ~IsolatedReader() override {
     if (socket_ >= 0) ::close(socket_);  // the zygote ends the child
   }
 
@@ -554,20 +549,9 @@ class IsolatedDecoder final : public Decoder {
 
   const FileSpec& spec() const override { return spec_; }
 
-  Result<Ok> decode(int picture, void* pixels) override {
-    ENVCONV_CHECK(decode_all());
-    const std::size_t begin = plan_.offsets[static_cast<std::size_t>(picture)];
-    const PictureSpec& p = spec_.pictures[static_cast<std::size_t>(picture)];
-    const std::size_t bytes = static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.height) *
-                              static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
-    // Pages are given back as they are copied, so that there are never two pictures in memory.
-    constexpr std::size_t kBand = std::size_t{8} << 20;
-    for (std::size_t at = 0; at < bytes; at += kBand) {
-      const std::size_t part = std::min(kBand, bytes - at);
-      std::memcpy(static_cast<char*>(pixels) + at, memory_ + begin + at, part);
-      ::madvise(memory_ + begin + at, part / 4096 * 4096, MADV_REMOVE);
-    }
-    return Ok{};
+  Result<MappedMemory> pixels(int picture) override {
+    if (memory_.empty()) ENVCONV_CHECK(decode_all());
+    return std::move(memory_[static_cast<std::size_t>(picture)]);
   }
 
  private:
@@ -576,35 +560,31 @@ class IsolatedDecoder final : public Decoder {
   }
 
   Result<Ok> decode_all() {
-    if (memory_ != nullptr) return Ok{};
-    plan_ = plan_of(spec_);
+    const Plan plan = plan_of(spec_);
     const int fd = static_cast<int>(::memfd_create("envconv-pixels", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (fd < 0) return Error{ErrorCode::limit, std::string("no shared memory: ") + std::strerror(errno)};
-    void* memory = MAP_FAILED;
     // Sealed: a child that shrank it would make this process die on the next access.
-    if (::ftruncate(fd, static_cast<off_t>(plan_.bytes)) == 0 &&
-        ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
-      memory = ::mmap(nullptr, plan_.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    bool mapped = ::ftruncate(fd, static_cast<off_t>(plan.bytes)) == 0 &&
+                  ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0;
+    for (std::size_t i = 0; mapped && i < plan.offsets.size(); ++i) {
+      memory_.push_back(MappedMemory::of_file(fd, plan.offsets[i], bytes_of(spec_.pictures[i])));
+      mapped = memory_.back().data() != nullptr;
     }
-    const bool sent = memory != MAP_FAILED && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    const bool sent = mapped && send_message(socket_, Writer(Kind::go).bytes(), {fd});
     ::close(fd);
-    if (memory == MAP_FAILED) {
-      return Error{ErrorCode::limit,
-                   "not enough memory: the picture needs " + std::to_string(plan_.bytes >> 20) + " MB"};
-    }
-    memory_ = static_cast<char*>(memory);
+    if (!mapped) return no_memory_for(plan.bytes);
     Reader reply("");
     Kind kind = Kind::death;
-    if (sent) {
-      ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
-    } else {
-      ENVCONV_CHECK(receive(5, kind, reply));
-    }
+    ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) + 20 : 5, kind, reply));
     if (kind != Kind::done) return senseless();
+    // The memory is used as it is, so nobody may write there any more.
+    ended_ = true;
+    ENVCONV_CHECK(receive(20, kind, reply));
+    if (kind != Kind::death) return senseless();
     return Ok{};
   }
 
-  // A spec or done; failures and deaths are errors.
+  // A spec or done, and then its death; failures, and deaths before, are errors.
   Result<Ok> receive(int seconds, Kind& kind, Reader& reply) {
     silent_ = false;
     timespec now;
@@ -629,15 +609,15 @@ class IsolatedDecoder final : public Decoder {
     reply = Reader(std::move(bytes));
     kind = static_cast<Kind>(reply.number(0, 5));
     if (kind == Kind::failure) return unpack_failure(reply);
-    if (kind == Kind::death) return crashed(static_cast<int>(reply.number(0, 64)));
+    if (kind == Kind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
     return reply.good() ? Result<Ok>(Ok{}) : senseless();
   }
 
   int socket_ = -1;
   bool silent_ = false;
   FileSpec spec_;
-  Plan plan_;
-  char* memory_ = nullptr;
+  std::vector<MappedMemory> memory_;  // of each picture, until it is asked for
+  bool ended_ = false;                // the child has done all it should
 };
 
 }  // namespace
@@ -648,10 +628,10 @@ void start_isolated_reader() {
   if (z.control < 0 || z.owner != ::getpid()) start(z);
 }
 
-Result<std::unique_ptr<Decoder>> open_isolated(const std::string& format, int fd, const DecoderOptions& options) {
-  auto decoder = std::make_unique<IsolatedDecoder>();
-  ENVCONV_CHECK(decoder->open(format, fd, options));
-  return std::unique_ptr<Decoder>(std::move(decoder));
+Result<std::unique_ptr<PixelSource>> open_isolated(const std::string& format, int fd, const DecoderOptions& options) {
+  auto reader = std::make_unique<IsolatedReader>();
+  ENVCONV_CHECK(reader->open(format, fd, options));
+  return std::unique_ptr<PixelSource>(std::move(reader));
 }
 
 }  // namespace envconv
