@@ -123,9 +123,11 @@ void add_options(Command& command, ConvertOptions& o) {
                            "read names of inputs from FILE, one a line; - is standard input"));
   add("Batch", switch_option("-0,--null", o.null_separated, "the names of --files-from end with a zero byte each"));
   add("Batch", shard_option(o.shard, o.shards));
-  add("Batch", switch_option("-n,--skip-existing", o.skip_existing,
-                             "leave outputs that exist, can be read to their end, are no older than their input, and "
-                             "are of the layout, packing and frame asked for"));
+  add("Batch",
+      switch_option(
+          "-n,--skip-existing", o.skip_existing,
+          "leave outputs that exist, can be read to their end, are no older than their input, and are of the size, "
+          "levels, layout, packing, frame, rotation, seam and --type asked for; other options are not compared"));
   add("Batch",
       switch_option("--keep-going", o.keep_going, "go on after a file that failed; the exit status is then 7"));
   add("Batch", switch_option("--dry-run", o.dry_run,

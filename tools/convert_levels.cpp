@@ -147,6 +147,13 @@ Result<Ok> check_levels(const LevelOptions& options, const LevelPlace& place, in
   return check_halving(place, height, levels, options.seam, apart);
 }
 
+Result<Size> stored_size(const LevelOptions& options, const LevelPlace& place, int height, int level, int face) {
+  const std::vector<Size> sizes = stored_sizes(*place.layout, height, level, options.seam);
+  if (is_apart(*place.packing)) return sizes[static_cast<std::size_t>(face)];
+  ENVCONV_TRY(const PackedShape shape, packed_shape(*place.layout, *place.packing, sizes));
+  return shape.size;
+}
+
 std::size_t level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels) {
   MipOptions how = options.how;
   how.levels = levels_to_make(options, place, height);

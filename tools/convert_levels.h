@@ -38,6 +38,9 @@ int levels_to_make(const LevelOptions& options, const LevelPlace& place, int hei
 /// An error where a file would hold levels whose sizes do not halve: gutters, or faces of odd sizes in one image.
 Result<Ok> check_levels(const LevelOptions& options, const LevelPlace& place, int height);
 
+/// Size of a level's stored image: of one face where faces are apart, else of all of them.
+Result<Size> stored_size(const LevelOptions& options, const LevelPlace& place, int height, int level, int face);
+
 /// Bytes held at one time for levels and seams, besides level 0 and its packed image.
 std::size_t level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels);
 

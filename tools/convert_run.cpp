@@ -51,18 +51,40 @@ std::optional<std::filesystem::file_time_type> time_of(const std::string& path) 
   return error ? std::nullopt : std::optional(time);
 }
 
-// True when what a file says of itself is what would be written.
-bool is_as_planned(const ConvertOptions& o, const PictureFile& file) {
-  const Metadata planned = metadata_of(*o.layout, *o.packing, *o.frame, {});
-  for (const char* name : {"envconv:layout", "envconv:packing", "envconv:frame"}) {
-    const auto found = file.metadata.find(name);
-    if (found != file.metadata.end() && found->second != planned.at(name)) return false;
+// True when a file is what would be written: size, levels, and type as far as it is chosen; and, of formats that tell
+// it, layout, packing, frame, rotation and seam.
+bool is_as_planned(const ConvertPlan& plan, const Job& job, const Shape& shape, std::size_t number,
+                   const PictureFile& file) {
+  const ConvertOptions& o = plan.options;
+  const std::size_t faces = o.packing->name == "files" ? o.layout->info().faces.size() : 1;
+  const int level = job.file_a_level ? static_cast<int>(number / faces) : 0;
+  const LevelPlace place = level_place(plan, job);
+  const Result<Size> size = stored_size(o.levels, place, shape.height, level, static_cast<int>(number % faces));
+  const Picture& first = file.pictures.front();
+  if (!size || first.image.width() != size->width || first.image.height() != size->height) return false;
+  if (static_cast<int>(file.pictures.size()) != pictures_of(plan)) return false;
+  // OpenEXR counts its levels by the larger side of the image, which may hold many faces.
+  const int levels = levels_in_file(plan, job, shape.height);
+  if (file.format == "openexr" ? (file.levels > 1) != (levels > 1) : file.levels != levels) return false;
+  if (o.write.type_given && first.type != o.write.type) return false;
+  if (!file.metadata.contains("envconv:layout")) return true;
+  const Metadata planned =
+      write_options(plan, job, shape, composed(shape.source.rotation, o.rotation), first.type).metadata;
+  // What is usual may be left out; of a rotation that is not told nothing is known.
+  const auto told = [](const Metadata& metadata, const char* name) -> std::string {
+    const auto found = metadata.find(name);
+    if (found != metadata.end()) return found->second;
+    return std::string_view(name) == "envconv:frame" ? "world" : "";
+  };
+  for (const char* name : {"envconv:layout", "envconv:packing", "envconv:rotation"}) {
+    if (file.metadata.contains(name) && told(file.metadata, name) != told(planned, name)) return false;
   }
-  return true;
+  return told(file.metadata, "envconv:frame") == told(planned, "envconv:frame") &&
+         told(file.metadata, "envconv:seam") == told(planned, "envconv:seam");
 }
 
-// True when every output of the job is there, no older than the input, can be read to its end, and is of the layout
-// that is asked for.
+// True when every output of the job is there, no older than the input, is what would be written, and can be read to its
+// end.
 bool is_up_to_date(const ConvertPlan& plan, const Job& job) {
   ReadOptions read = plan.options.input.read;
   read.level = 0;
@@ -73,8 +95,12 @@ bool is_up_to_date(const ConvertPlan& plan, const Job& job) {
       const auto changed = time_of(input);
       if (changed && *changed > *written) return false;
     }
-    const Result<PictureFile> file = read_pictures(path, read);
-    if (!file || !is_as_planned(plan.options, *file)) return false;
+  }
+  const Result<Shape> shape = read_shape(plan, job);
+  if (!shape) return false;
+  for (std::size_t i = 0; i < job.paths.size(); ++i) {
+    const Result<PictureFile> file = read_pictures(job.paths[i], read);
+    if (!file || file->pictures.empty() || !is_as_planned(plan, job, *shape, i, *file)) return false;
   }
   return true;
 }

@@ -124,6 +124,36 @@ class Batch(Case):
         self.run_tool(*convert, "-n", "--to", "isocube", "--frame", "three")
         self.assertEqual(self.summary_of("skipped"), 3)
 
+    def test_skipping_compares_what_is_asked_for(self):
+        convert = ("convert", "a.exr", "b.exr", "-n", "--json", "-o")
+        changes = (("--size", 8), ("--size", 4), ("--type", "float"), ("--type", "half"), ("--mips",), ("--rotate", "10,20,30"),
+                   ("--seam", "stretch"), ("--seam", "gutter:1"), ("--packing", "row"), ("--packing", "column"),
+                   ("--frame", "three"), ("--to", "octahedral"))
+        for output in ("out/{stem}.exr", "out/{stem}.ktx2", "out/{stem}_{mip}.exr"):
+            before = ()
+            for change in changes:
+                words = (*convert, output, *(() if "--size" in change else ("--size", 16)), *change)
+                if "ktx2" in output and ("--packing" in change or "--seam" in change):
+                    continue
+                if change == ("--mips",) and output != "out/{stem}.exr":
+                    continue  # as usual there
+                self.run_tool(*words)
+                self.assertEqual(self.summary_of("converted"), 2, (before, words))
+                self.run_tool(*words)
+                self.assertEqual(self.summary_of("skipped"), 2, words)
+                before = words
+        # What a format does not tell is not compared: of Radiance files the size is.
+        self.run_tool(*convert, "out/{stem}.hdr", "--size", 8)
+        self.run_tool(*convert, "out/{stem}.hdr", "--size", 8, "--exposure", 1)
+        self.assertEqual(self.summary_of("skipped"), 2)
+        self.run_tool(*convert, "out/{stem}.hdr", "--size", 4)
+        self.assertEqual(self.summary_of("skipped"), 0)
+        # A size of the tool's own choice comes from the input.
+        self.run_tool(*convert, "out/{stem}.hdr")
+        self.assertEqual(self.summary_of("skipped"), 0)
+        self.run_tool(*convert, "out/{stem}.hdr")
+        self.assertEqual(self.summary_of("skipped"), 2)
+
     def summary_of(self, key):
         self.reports()
         return self.summary[key]
