@@ -90,17 +90,29 @@ int out_of_memory() {
   return static_cast<int>(ErrorCode::limit);
 }
 
-// An exception in a place that none may leave: a library's thread that runs out of memory, for one.
+// True in a thread once it was refused memory.
+thread_local bool was_refused_memory = false;
+
+// What operator new calls when there is none.
+void note_refusal() {
+  was_refused_memory = true;
+  throw std::bad_alloc();
+}
+
+// An exception that must not leave its place: in a noexcept function of a library, or in a
+// library's own thread, that runs out of memory.  Where it passes a noexcept function that has something to clean up,
+// GCC ends the program before anybody has caught it, so that it cannot be asked for.
 [[noreturn]] void on_terminate() {
   remove_unfinished();
   int status = static_cast<int>(ErrorCode::internal);
   try {
     if (std::current_exception()) throw;
+    if (was_refused_memory && std::uncaught_exceptions() > 0) status = out_of_memory();
   } catch (const std::bad_alloc&) {
     status = out_of_memory();
   } catch (...) {
   }
-  if (status == static_cast<int>(ErrorCode::internal)) last_words("envconv: a bug in envconv, or no memory to go on\n");
+  if (status == static_cast<int>(ErrorCode::internal)) last_words("envconv: a bug in envconv\n");
   _exit(status);
 }
 
@@ -111,6 +123,7 @@ int main(int argc, char** argv) {
   using namespace envconv::tool;
   hold_standard_streams();
   std::set_terminate(on_terminate);
+  std::set_new_handler(note_refusal);
   std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
   try {
     const Command* command = words.empty() ? nullptr : find_command(words.front());
