@@ -178,6 +178,8 @@ ColorEncoding ColorConfig::encoding_of(const ColorSpace& space) const {
                               b.x / sum(b), b.y / sum(b), w.x / sum(w), w.y / sum(w)};
       if (xyz_from_rgb(xy)) encoding.primaries = xy;
     }
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception&) {
     // One-way tables, and spaces that lie apart: nothing is known of them.
   }
@@ -241,8 +243,7 @@ Result<ColorTransform> ColorConfig::transform(const ColorSpace& from, const Colo
     if (!processor->cpu->isNoOp()) result.processor_ = std::move(processor);
     return result;
   } catch (const std::exception& error) {
-    return color_usage("no way from '" + printable(a.space) + "' to '" + printable(b.space) +
-                       "': " + color_reason(error));
+    return color_failure("no way from '" + printable(a.space) + "' to '" + printable(b.space) + "': ", error);
   }
 }
 
@@ -263,8 +264,8 @@ Result<ColorTransform> ColorConfig::transform(const ColorSpace& from, const Colo
     if (!processor->cpu->isNoOp()) result.processor_ = std::move(processor);
     return result;
   } catch (const std::exception& error) {
-    return color_usage("view '" + printable(to.view) + "' of display '" + printable(to.display) +
-                       "' cannot be used: " + color_reason(error));
+    return color_failure(
+        "view '" + printable(to.view) + "' of display '" + printable(to.display) + "' cannot be used: ", error);
   }
 }
 

@@ -54,7 +54,8 @@ class ColorTransform {
 };
 
 /// A configuration.  Immutable and cheap to copy; any thread may use it.  Errors are ErrorCode::usage and carry
-/// OpenColorIO's own text.  A configuration is trusted: it may name any file as a lookup table.
+/// OpenColorIO's own text, or limit where memory ran out (functions without a Result then throw std::bad_alloc, as
+/// strings do).  A configuration is trusted: it may name any file as a lookup table.
 class ColorConfig {
  public:
   /// Made from OpenColorIO's built-in transforms; its names are those of the ASWF's configuration for computer

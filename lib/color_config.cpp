@@ -8,6 +8,7 @@
 #include <cstring>
 #include <locale>
 #include <mutex>
+#include <new>
 
 #include "color_impl.h"
 
@@ -17,6 +18,9 @@ namespace ocio = OCIO_NAMESPACE;
 
 Error color_usage(std::string what) { return {ErrorCode::usage, std::move(what)}; }
 
+namespace {
+
+// OpenColorIO's text in one line.
 std::string color_reason(const std::exception& error) {
   std::string text;
   for (const char* p = error.what(); *p; ++p) {
@@ -29,6 +33,17 @@ std::string color_reason(const std::exception& error) {
   if (text.size() > 600) text = text.substr(0, 600) + "...";
   while (!text.empty() && text.back() == ' ') text.pop_back();
   return printable(text);
+}
+
+}  // namespace
+
+Error color_failure(std::string what, const std::exception& error) {
+  // The library wraps the exceptions of its parts in its own.
+  const std::string reason = color_reason(error);
+  if (reason.find("bad_alloc") != std::string::npos) {
+    return {ErrorCode::limit, "not enough memory for the colour configuration"};
+  }
+  return color_usage(std::move(what) + reason);
 }
 
 namespace {
@@ -100,7 +115,7 @@ Result<ColorConfig> ColorConfig::from_file(const std::string& path) {
     check(*impl->config);
     return ColorConfig(std::move(impl));
   } catch (const std::exception& error) {
-    return color_usage(cannot_be_read(path, color_reason(error)));
+    return color_failure(cannot_be_read(path, ""), error);
   }
 }
 
@@ -200,8 +215,7 @@ Result<ColorSpace> ColorConfig::find_space(const std::string& name) const {
     try {
       impl_->processor(transform);
     } catch (const std::exception& error) {
-      return color_usage("colour space '" + printable(name) + "' of " + impl_->called() +
-                         " cannot be used: " + color_reason(error));
+      return color_failure("colour space '" + printable(name) + "' of " + impl_->called() + " cannot be used: ", error);
     }
   }
   return ColorSpace{space->getName(), rec709()};
@@ -270,6 +284,8 @@ std::string ColorConfig::space_from_name(const std::string& path) const {
       }
     }
     return best;
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception&) {
     return {};
   }

@@ -13,8 +13,9 @@ namespace envconv {
 
 Error color_usage(std::string what);
 
-/// OpenColorIO's text in one line.
-std::string color_reason(const std::exception& error);
+/// What is wrong, with OpenColorIO's text in one line after it: an error of ErrorCode::usage, or of limit where memory
+/// ran out.
+Error color_failure(std::string what, const std::exception& error);
 
 /// Linear light of ACES2065-1, to which everything else is related.
 inline const Chromaticities& reference_primaries() { return find_named_primaries("aces-ap0").xy; }

@@ -33,7 +33,7 @@ namespace {
 
 Error bad_input(std::string what) { return {ErrorCode::input, std::move(what)}; }
 
-Error damaged(const std::exception& error) { return bad_input("truncated or damaged: " + exr_reason(error)); }
+Error damaged(const std::exception& error) { return exr_failure(ErrorCode::input, "truncated or damaged: ", error); }
 
 class FileStream final : public Imf::IStream {
  public:

@@ -12,6 +12,8 @@
 #include <exception>
 #include <string>
 
+#include "result.h"
+
 namespace envconv {
 
 /// What OpenEXR calls a stream in its messages.
@@ -26,6 +28,14 @@ inline std::string exr_reason(const std::exception& error) {
   while (!text.empty() && (text.back() == '.' || text.back() == '\n' || text.back() == ' ')) text.pop_back();
   if (!text.empty()) text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));
   return text;
+}
+
+/// An error of that code with that reason after `what`, or of ErrorCode::limit where memory ran out: the library hands
+/// a codec's exceptions on as its own.
+inline Error exr_failure(ErrorCode code, const std::string& what, const std::exception& error) {
+  const std::string reason = exr_reason(error);
+  if (reason.find("bad_alloc") != std::string::npos) return {ErrorCode::limit, "not enough memory"};
+  return {code, what + reason};
 }
 
 /// Compressions by their names on the command line.

@@ -305,7 +305,7 @@ Result<Ok> write_exr(OutputFile& file, std::span<const std::vector<Picture>> lev
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to write it"};
   } catch (const std::exception& error) {
-    return Error{ErrorCode::output, exr_reason(error)};
+    return exr_failure(ErrorCode::output, "", error);
   }
   return Ok{};
 }

@@ -380,7 +380,10 @@ Result<Ok> verify_level(const OutputFile& file, int level, const std::vector<Pic
   how.threads = options.threads;
   how.level = level;
   auto read = read_file(file.temporary(), how);
-  if (!read) return Error{ErrorCode::output, "cannot be read back: " + read.error().message};
+  if (!read) {
+    const ErrorCode code = read.error().code == ErrorCode::limit ? ErrorCode::limit : ErrorCode::output;
+    return Error{code, "cannot be read back: " + read.error().message};
+  }
   if (read->pictures.size() != pictures.size()) return Error{ErrorCode::output, "has other parts when read back"};
   const bool exr = std::string_view(format.name) == "openexr";
   const bool lossy =
