@@ -156,7 +156,7 @@ class Planes {
         for (std::int64_t x = window.min.x; x <= window.max.x; ++x) {
           const float value = value_at(x, y, c, level);
           const half as_half(value);
-          const auto as_integer = static_cast<std::uint32_t>(value);
+          const auto as_integer = static_cast<std::uint32_t>(std::max(value, 0.f));  // less is overscan
           const void* from = channel.type == Imf::HALF   ? static_cast<const void*>(&as_half)
                              : channel.type == Imf::UINT ? static_cast<const void*>(&as_integer)
                                                          : &value;
