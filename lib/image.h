@@ -15,12 +15,15 @@
 
 namespace envconv {
 
+class Scratch;
+
 /// A rectangle of float pixels, channels interleaved, rows contiguous, top row first: [height][width][channels].
-/// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.
+/// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.  Pixels live in memory, or where a
+/// Scratch is given in its files.  Constructors throw std::bad_alloc.
 class Image {
  public:
   Image() = default;
-  Image(int width, int height, int channels);
+  Image(int width, int height, int channels, std::shared_ptr<Scratch> scratch = nullptr);
   /// A size and no pixels: empty() is true.
   static Image without_pixels(int width, int height, int channels) {
     Image image;
@@ -47,7 +50,16 @@ class Image {
   const float* data() const { return pixels_.get(); }
 
   void fill(float value);
-  Image clone() const;
+  Image clone() const;  ///< lives where this one does
+
+  /// A new image that lives where this one does.
+  Image sibling(int width, int height, int channels) const { return {width, height, channels, scratch_}; }
+  /// nullptr for images in memory.
+  const std::shared_ptr<Scratch>& scratch() const { return scratch_; }
+  /// For loops over many rows: Scratch::relieve(), where that is what this image lives in.
+  void relieve() const;
+  /// What the rows above `y` hold is not needed any more: a large image gives their memory back to the system.
+  void forget_rows_above(int y);
 
  private:
   std::size_t row_start(int y) const {
@@ -59,9 +71,11 @@ class Image {
     return static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
   }
   struct Free {
+    std::shared_ptr<Scratch> scratch;  // that the pixels are from, or nullptr
     void operator()(float* p) const;
   };
   int width_ = 0, height_ = 0, channels_ = 0;
+  std::shared_ptr<Scratch> scratch_;       // for this image or, when it is small, for what is made from it
   std::unique_ptr<float[], Free> pixels_;  // aligned to 64 bytes
 };
 

@@ -116,7 +116,7 @@ class Chain {
     out.channels = level0_.channels;
     for (const Image& face : level0_.faces) {
       const Size size = level_size({face.width(), face.height()}, k);
-      out.faces.emplace_back(size.width, size.height, face.channels());
+      out.faces.push_back(face.sibling(size.width, size.height, face.channels()));
     }
     levels_.push_back(std::move(out));
     omega_.emplace_back();
@@ -142,6 +142,7 @@ class Chain {
     const int band = std::clamp(32 / per_row, 1, target.height());
     tbb::parallel_for(0, (target.height() + band - 1) / band, [&](int b) {
       const int first = b * band, end = std::min(first + band, target.height());
+      target.relieve();
       const int row0 = rows.first[static_cast<std::size_t>(first)], row1 = rows.first[static_cast<std::size_t>(end)];
       std::vector<double> computed;
       if (from == 0) {
