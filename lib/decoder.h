@@ -21,6 +21,7 @@ struct PictureSpec {
   Channels channels;
   PixelType type = PixelType::float32;     ///< as stored in the file
   PixelType element = PixelType::float32;  ///< as decode() delivers it
+  int band = 0;                            ///< rows that decode_rows() delivers at a time; 0: all of them at once
 };
 
 /// A file, as the decoder understands it.
@@ -49,6 +50,12 @@ class Decoder {
   virtual const FileSpec& spec() const = 0;
   /// Delivers all pixels of a picture, [height][width][channels] elements, to memory that is zero.
   virtual Result<Ok> decode(int picture, void* pixels) = 0;
+  /// Delivers `count` rows from `first` on: bands of PictureSpec::band rows, of which the last may be less, each once
+  /// and in order.  Memory is zero too.
+  virtual Result<Ok> decode_rows(int picture, int first, int count, void* pixels) {
+    (void)first, (void)count;
+    return decode(picture, pixels);
+  }
 };
 
 /// What a decoder needs to know.
@@ -57,6 +64,13 @@ struct DecoderOptions {
   int threads = 1;
   int level = 0;  ///< whose pictures spec() and decode() speak of
 };
+
+/// Rows that make a band of some megabytes, as a multiple of `multiple`; no less than `least`.  0: the whole picture is
+/// no more than that.
+int band_rows(const PictureSpec& picture, int multiple, int least = 1);
+/// Rows of a picture that are delivered at a time, and bytes of so many rows.
+inline int rows_at_a_time(const PictureSpec& picture) { return picture.band > 0 ? picture.band : picture.height; }
+std::size_t bytes_of_rows(const PictureSpec& picture, int rows);
 
 /// Bytes of an element.
 inline std::size_t size_of(PixelType type) {

@@ -153,6 +153,36 @@ void convert_values(const float* from, std::size_t count, Imf::PixelType type, c
   counts.nonfinite += nonfinite;
 }
 
+// Lines that are converted and written at a time: a multiple of every codec's block of lines and of a tile's side, and
+// enough of them to keep all threads busy.
+int band_lines(std::size_t row_values) {
+  return std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
+}
+
+// Rows from `first` on as the file has them, one after the other.
+void convert_band(const Image& image, int first, int rows, Imf::PixelType type, char* to, Counts& counts) {
+  const std::size_t values = static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(image.channels());
+  const std::size_t bytes = values * (type == Imf::HALF ? 2 : 4);
+  image.relieve();
+  tbb::parallel_for(0, rows, [&](int row) {
+    convert_values(image.row(first + row), values, type, to ? to + static_cast<std::size_t>(row) * bytes : nullptr,
+                   counts);
+  });
+}
+
+// `base` is the first value of line `y`; OpenEXR counts from line 0.
+Imf::FrameBuffer frame_of(const Picture& names, const char* base, int y, Imf::PixelType type, std::size_t channels,
+                          std::size_t row_values) {
+  const std::size_t element = type == Imf::HALF ? 2 : 4, x_stride = channels * element, y_stride = row_values * element;
+  Imf::FrameBuffer frame;
+  for (std::size_t c = 0; c < channels; ++c) {
+    const std::uintptr_t origin =
+        reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
+    frame.insert(names.channels.names[c], Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
+  }
+  return frame;
+}
+
 Imf::PixelType stored_type(const WriteReport& report) {
   return report.type == PixelType::half ? Imf::HALF : report.type == PixelType::uint32 ? Imf::UINT : Imf::FLOAT;
 }
@@ -220,25 +250,24 @@ Image halved(const Image& image) {
   return out;
 }
 
-// Writes one level of a part; `Part` is a tiled file or a tiled part of one.
+// Writes one level of a part; `Part` is a tiled file or a tiled part of one.  Rows of tiles that are enough to keep all
+// threads busy are converted and written at a time.
 template <class Part>
 void write_level(Part& part, int level, const Picture& names, const Image& image, Imf::PixelType type, Counts& counts) {
   const auto channels = static_cast<std::size_t>(image.channels());
   const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels;
   const std::size_t element = type == Imf::HALF ? 2 : 4;
   const bool convert = type != Imf::FLOAT;
-  std::vector<char> buffer(convert ? row_values * element * static_cast<std::size_t>(image.height()) : 0);
-  tbb::parallel_for(0, image.height(), [&](int y) {
-    char* to = convert ? buffer.data() + static_cast<std::size_t>(y) * row_values * element : nullptr;
-    convert_values(image.row(y), row_values, type, to, counts);
-  });
-  const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.data());
-  Imf::FrameBuffer frame;
-  for (std::size_t c = 0; c < channels; ++c)
-    frame.insert(names.channels.names[c],
-                 Imf::Slice(type, const_cast<char*>(base) + c * element, channels * element, row_values * element));
-  part.setFrameBuffer(frame);
-  part.writeTiles(0, part.numXTiles(level) - 1, 0, part.numYTiles(level) - 1, level);
+  const int tile = static_cast<int>(tile_side), band = band_lines(row_values);
+  std::vector<char> buffer(convert ? row_values * element * static_cast<std::size_t>(std::min(band, image.height()))
+                                   : 0);
+  for (int y = 0; y < image.height(); y += band) {
+    const int rows = std::min(band, image.height() - y);
+    convert_band(image, y, rows, type, convert ? buffer.data() : nullptr, counts);
+    const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
+    part.setFrameBuffer(frame_of(names, base, y, type, channels, row_values));
+    part.writeTiles(0, part.numXTiles(level) - 1, y / tile, (y + rows - 1) / tile, level);
+  }
 }
 
 // All levels of one picture.  OpenEXR's chain goes on until the packed image is one texel, which is further than a
@@ -305,27 +334,15 @@ Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, con
       const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels;
       std::unique_ptr<Imf::OutputPart> part;
       if (multi) part = std::make_unique<Imf::OutputPart>(*multi, static_cast<int>(i));
-      // A band is a multiple of every codec's block of lines, and enough of them to keep all threads busy.
-      const int band =
-          std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
+      const int band = band_lines(row_values);
       const bool convert = type != Imf::FLOAT;
       if (convert) buffer.assign(row_values * element * static_cast<std::size_t>(std::min(band, image.height())), 0);
       int lines = 0;
       for (int y = 0; y < image.height(); y += band) {
         const int rows = std::min(band, image.height() - y);
-        tbb::parallel_for(0, rows, [&](int row) {
-          char* to = convert ? buffer.data() + static_cast<std::size_t>(row) * row_values * element : nullptr;
-          convert_values(image.row(y + row), row_values, type, to, counts);
-        });
+        convert_band(image, y, rows, type, convert ? buffer.data() : nullptr, counts);
         const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
-        const std::size_t x_stride = channels * element, y_stride = row_values * element;
-        Imf::FrameBuffer frame;
-        for (std::size_t c = 0; c < channels; ++c) {
-          const std::uintptr_t origin =
-              reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
-          frame.insert(picture.channels.names[c],
-                       Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
-        }
+        const Imf::FrameBuffer frame = frame_of(picture, base, y, type, channels, row_values);
         if (single) {
           single->setFrameBuffer(frame);
           single->writePixels(rows);

@@ -121,6 +121,20 @@ Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limi
                                 " (--max-pixels raises it)"};
 }
 
+std::size_t bytes_of_rows(const PictureSpec& picture, int rows) {
+  return static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(rows) *
+         static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element);
+}
+
+int band_rows(const PictureSpec& picture, int multiple, int least) {
+  constexpr std::size_t usual = std::size_t{16} << 20, most = 4 * usual;
+  const std::size_t row = bytes_of_rows(picture, 1);
+  const std::size_t rows = std::max(usual / row, std::min(static_cast<std::size_t>(least), most / row)) + 1;
+  const auto block = static_cast<std::size_t>(multiple);
+  const std::size_t band = (rows + block - 1) / block * block;
+  return band < static_cast<std::size_t>(picture.height) ? static_cast<int>(band) : 0;
+}
+
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
   if (format == "openexr") return open_exr(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
@@ -275,7 +289,13 @@ struct Upright {
   }
 };
 
-void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Image& image) {
+struct Rows {
+  int first, count;
+};
+
+// `elements` are those of some rows.
+void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Rows rows,
+               Image& image) {
   const Upright upright(picture, spec.orientation);
   const int channels = picture.channels.count(), alpha = picture.channels.alpha;
   const Curve curve = curve_of(spec);
@@ -288,14 +308,14 @@ void to_linear(const void* elements, const PictureSpec& picture, const FileSpec&
     for (int i = 0; i <= top; ++i) table.push_back(static_cast<float>(curve(static_cast<double>(i) / top)));
   }
   const bool curved = spec.transfer != Transfer::linear;
-  tbb::parallel_for(0, picture.height, [&](int row) {
+  tbb::parallel_for(0, rows.count, [&](int row) {
     const std::size_t begin =
         static_cast<std::size_t>(row) * static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(channels);
     std::vector<float> value(static_cast<std::size_t>(channels));
     for (int column = 0; column < picture.width; ++column) {
       const std::size_t at = begin + static_cast<std::size_t>(column) * static_cast<std::size_t>(channels);
       int x = 0, y = 0;
-      upright.place(column, row, x, y);
+      upright.place(column, rows.first + row, x, y);
       float* to = image.at(x, y);
       const auto raw = [&](int c) -> std::uint32_t {
         return picture.element == PixelType::uint8
@@ -370,23 +390,25 @@ bool drops_alpha(const PictureSpec& p, const ReadOptions& options) {
 Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, const ReadOptions& options,
                           Image& image) {
   const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
-  image = Image(image.width(), image.height(), image.channels());
+  image = Image(image.width(), image.height(), image.channels(), options.scratch);
   const bool drop_alpha = drops_alpha(p, options);
   const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
                       spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
-  const std::size_t bytes = image.pixel_count() * static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
+  const int band = rows_at_a_time(p);
   std::unique_ptr<void, FreeBytes> elements;
-  void* to = image.data();
   if (!direct) {
-    elements.reset(std::calloc(bytes, 1));
+    elements.reset(std::malloc(bytes_of_rows(p, band)));
     if (!elements) throw std::bad_alloc();
-    to = elements.get();
-  } else if (options.trust_input) {
-    // What a damaged chunk leaves out is black, not whatever was in memory.
-    std::memset(to, 0, bytes);
   }
-  ENVCONV_CHECK(decoder.decode(number, to));
-  if (!direct) to_linear(elements.get(), p, spec, drop_alpha, image);
+  for (int first = 0; first < p.height; first += band) {
+    const int rows = std::min(band, p.height - first);
+    void* to = direct ? image.row(first) : elements.get();
+    // What a damaged chunk leaves out is black, not whatever was in memory.
+    if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));
+    ENVCONV_CHECK(decoder.decode_rows(number, first, rows, to));
+    if (!direct) to_linear(elements.get(), p, spec, drop_alpha, {first, rows}, image);
+    image.relieve();
+  }
   return Ok{};
 }
 

@@ -379,6 +379,7 @@ Result<Ok> verify_level(const OutputFile& file, int level, const std::vector<Pic
   how.as_stored = options.encoding == Encoding::as_is;
   how.threads = options.threads;
   how.level = level;
+  how.scratch = pictures.front().image.scratch();
   auto read = read_file(file.temporary(), how);
   if (!read) return Error{ErrorCode::output, "cannot be read back: " + read.error().message};
   if (read->pictures.size() != pictures.size()) return Error{ErrorCode::output, "has other parts when read back"};

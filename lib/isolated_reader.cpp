@@ -32,6 +32,7 @@
 #include <cstring>
 #include <ctime>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "exr.h"
@@ -45,7 +46,8 @@ constexpr int kOpenSeconds = 20;                 // to understand a header
 
 // --- messages ------------------------------------------------------------------------------------------------------
 
-enum class Kind : std::uint32_t { request, spec, failure, go, done, death };
+enum class Kind : std::uint32_t { request, spec, failure, window, rows, done, death };
+constexpr std::int64_t kKinds = 7;
 
 class Writer {
  public:
@@ -174,6 +176,7 @@ std::string pack(const FileSpec& spec) {
     w.number(picture.channels.alpha);
     w.number(static_cast<int>(picture.type));
     w.number(static_cast<int>(picture.element));
+    w.number(picture.band);
   }
   w.number(static_cast<std::int64_t>(spec.metadata.size()));
   for (const auto& [name, value] : spec.metadata) {
@@ -212,6 +215,7 @@ bool unpack(Reader& r, FileSpec& spec) {
     picture.channels.alpha = static_cast<int>(r.number(-1, channels - 1));
     picture.type = static_cast<PixelType>(r.number(0, static_cast<int>(PixelType::bc6h)));
     picture.element = static_cast<PixelType>(r.number(0, 4));
+    picture.band = static_cast<int>(r.number(0, picture.height));
     spec.pictures.push_back(std::move(picture));
   }
   const auto entries = r.number(0, 256);
@@ -258,23 +262,23 @@ void limit_resource(int resource, std::uint64_t value) {
   ::setrlimit(static_cast<__rlimit_resource>(resource), &limit);
 }
 
-struct Plan {
-  std::size_t bytes = 0;  // of the mapping
-  std::vector<std::size_t> offsets;
-};
-
-// Each picture on its own pages.
-Plan plan_of(const FileSpec& spec) {
-  Plan plan;
-  for (const PictureSpec& picture : spec.pictures) {
-    plan.offsets.push_back(plan.bytes);
-    plan.bytes += (static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(picture.height) *
-                       static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element) +
-                   65535) /
-                  65536 * 65536;
+// The memory that both sides share: two places, each for the largest band of rows of all pictures, so that one band is
+// decoded while the one before is copied.
+struct Window {
+  std::size_t place = 0;  // bytes
+  explicit Window(const FileSpec& spec) {
+    for (const PictureSpec& picture : spec.pictures) {
+      const std::size_t bytes = bytes_of_rows(picture, rows_at_a_time(picture));
+      place = std::max(place, (bytes + 65535) / 65536 * 65536);
+      two = two || picture.band > 0 || spec.pictures.size() > 1;
+    }
   }
-  return plan;
-}
+  std::size_t bytes() const { return two ? 2 * place : place; }
+  std::size_t offset(std::int64_t turn) const { return two && turn % 2 ? place : 0; }
+
+ private:
+  bool two = false;
+};
 
 // Seconds that a decoder may take: generous for a machine that is busy.
 int decode_seconds(const FileSpec& spec) {
@@ -283,6 +287,42 @@ int decode_seconds(const FileSpec& spec) {
     values += static_cast<double>(picture.width) * picture.height * picture.channels.count();
   }
   return static_cast<int>(std::min(20 + values / 500e3, 86400.));
+}
+
+// Decodes the rows that the caller asks for, until it has enough.  Sends an error to the caller, or returns.
+void decode_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t base, int threads) {
+  const FileSpec& spec = decoder.spec();
+  const Window window(spec);
+  const int seconds = decode_seconds(spec);
+  limit_resource(RLIMIT_CPU, static_cast<std::uint64_t>(seconds) * static_cast<std::uint64_t>(threads) + kOpenSeconds);
+  std::size_t whole = 0;
+  for (const PictureSpec& picture : spec.pictures) whole += bytes_of_rows(picture, picture.height);
+  // The window, and for the codec's own copies three times the pictures, as some hold all of them.
+  limit_resource(RLIMIT_AS, base + window.bytes() + whole * 3);
+  const auto fail = [&](const Error& error) { send_message(socket, failure(error).bytes()); };
+  void* memory = ::mmap(nullptr, window.bytes(), PROT_READ | PROT_WRITE, MAP_SHARED, shared, 0);
+  if (memory == MAP_FAILED) return fail({ErrorCode::limit, "not enough memory to decode it"});
+  std::string bytes;
+  std::vector<int> fds;
+  for (std::int64_t turn = 0;; ++turn) {
+    // Waiting for the caller is not decoding.
+    ::alarm(0);
+    if (!receive_message(socket, bytes, fds)) return;
+    Reader request(std::move(bytes));
+    const auto kind = static_cast<Kind>(request.number(0, kKinds - 1));
+    const auto picture = request.number(0, static_cast<std::int64_t>(spec.pictures.size()) - 1);
+    const int height = spec.pictures[static_cast<std::size_t>(picture)].height;
+    const auto first = request.number(0, height - 1), count = request.number(1, height - first);
+    if (kind != Kind::rows || !request.good()) return;
+    ::alarm(static_cast<unsigned>(seconds));
+    void* to = static_cast<char*>(memory) + window.offset(turn);
+    if (turn > 1)
+      std::memset(to, 0, bytes_of_rows(spec.pictures[static_cast<std::size_t>(picture)], static_cast<int>(count)));
+    const auto result =
+        decoder.decode_rows(static_cast<int>(picture), static_cast<int>(first), static_cast<int>(count), to);
+    if (!result) return fail(result.error());
+    if (!send_message(socket, Writer(Kind::done).bytes())) return;
+  }
 }
 
 [[noreturn]] void run_child(int socket, int file, const std::string& format, const DecoderOptions& options,
@@ -323,19 +363,8 @@ int decode_seconds(const FileSpec& spec) {
     std::string bytes;
     std::vector<int> fds;
     if (!receive_message(socket, bytes, fds) || fds.size() != 1) ::_exit(0);  // the header was all that was wanted
-    const Plan plan = plan_of(spec);
-    const int seconds = decode_seconds(spec);
-    ::alarm(static_cast<unsigned>(seconds));
-    limit_resource(RLIMIT_CPU, static_cast<std::uint64_t>(seconds) * threads + kOpenSeconds);
-    // The mapping, and for the codec's own copies three times that, as some hold the whole picture.
-    limit_resource(RLIMIT_AS, base + plan.bytes * 4);
-    void* memory = ::mmap(nullptr, plan.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fds[0], 0);
-    if (memory == MAP_FAILED) finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
-    for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-      const auto result = (*decoder)->decode(static_cast<int>(i), static_cast<char*>(memory) + plan.offsets[i]);
-      if (!result) finish(failure(result.error()).bytes());
-    }
-    finish(Writer(Kind::done).bytes());
+    decode_for_caller(socket, fds[0], **decoder, base, static_cast<int>(threads));
+    ::_exit(0);
   } catch (const std::bad_alloc&) {
     finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
   } catch (...) {
@@ -404,7 +433,7 @@ struct Child {
       ::_exit(0);
     }
     Reader request(std::move(bytes));
-    const auto kind = static_cast<Kind>(request.number(0, 5));
+    const auto kind = static_cast<Kind>(request.number(0, kKinds - 1));
     const std::string format = request.text(64);
     DecoderOptions options;
     options.max_pixels = request.number(0, INT64_MAX);
@@ -498,7 +527,7 @@ Error crashed(int signal) {
 class IsolatedDecoder final : public Decoder {
  public:
   ~IsolatedDecoder() override {
-    if (memory_ != nullptr) ::munmap(memory_, plan_.bytes);
+    if (memory_ != nullptr) ::munmap(memory_, window_->bytes());
     if (socket_ >= 0) ::close(socket_);  // the zygote ends the child
   }
 
@@ -547,6 +576,11 @@ class IsolatedDecoder final : public Decoder {
         continue;
       }
       if (kind != Kind::spec || !unpack(reply, spec_)) return senseless();
+      theirs_ = spec_;
+      // What the child decodes whole can be taken in bands all the same.
+      for (PictureSpec& picture : spec_.pictures) {
+        if (picture.band == 0) picture.band = band_rows(picture, 1);
+      }
       return Ok{};
     }
     return error;
@@ -555,17 +589,20 @@ class IsolatedDecoder final : public Decoder {
   const FileSpec& spec() const override { return spec_; }
 
   Result<Ok> decode(int picture, void* pixels) override {
-    ENVCONV_CHECK(decode_all());
-    const std::size_t begin = plan_.offsets[static_cast<std::size_t>(picture)];
+    return decode_rows(picture, 0, spec_.pictures[static_cast<std::size_t>(picture)].height, pixels);
+  }
+
+  Result<Ok> decode_rows(int picture, int first, int count, void* pixels) override {
+    ENVCONV_CHECK(share_window());
     const PictureSpec& p = spec_.pictures[static_cast<std::size_t>(picture)];
-    const std::size_t bytes = static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.height) *
-                              static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
-    // Pages are given back as they are copied, so that there are never two pictures in memory.
-    constexpr std::size_t kBand = std::size_t{8} << 20;
-    for (std::size_t at = 0; at < bytes; at += kBand) {
-      const std::size_t part = std::min(kBand, bytes - at);
-      std::memcpy(static_cast<char*>(pixels) + at, memory_ + begin + at, part);
-      ::madvise(memory_ + begin + at, part / 4096 * 4096, MADV_REMOVE);
+    auto* to = static_cast<char*>(pixels);
+    while (count > 0) {
+      ENVCONV_CHECK(await(picture, first));
+      const int rows = std::min(count, ready_.end - first);
+      copy(first, rows, to);
+      to += bytes_of_rows(p, rows);
+      first += rows;
+      count -= rows;
     }
     return Ok{};
   }
@@ -575,33 +612,88 @@ class IsolatedDecoder final : public Decoder {
     return {ErrorCode::input, "the reader gave a senseless answer; the file is damaged, or made to do harm"};
   }
 
-  Result<Ok> decode_all() {
+  Result<Ok> share_window() {
     if (memory_ != nullptr) return Ok{};
-    plan_ = plan_of(spec_);
+    window_.emplace(theirs_);
     const int fd = static_cast<int>(::memfd_create("envconv-pixels", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (fd < 0) return Error{ErrorCode::limit, std::string("no shared memory: ") + std::strerror(errno)};
     void* memory = MAP_FAILED;
     // Sealed: a child that shrank it would make this process die on the next access.
-    if (::ftruncate(fd, static_cast<off_t>(plan_.bytes)) == 0 &&
+    if (::ftruncate(fd, static_cast<off_t>(window_->bytes())) == 0 &&
         ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
-      memory = ::mmap(nullptr, plan_.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+      memory = ::mmap(nullptr, window_->bytes(), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     }
-    const bool sent = memory != MAP_FAILED && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    if (memory != MAP_FAILED) send_message(socket_, Writer(Kind::window).bytes(), {fd});
     ::close(fd);
     if (memory == MAP_FAILED) {
       return Error{ErrorCode::limit,
-                   "not enough memory: the picture needs " + std::to_string(plan_.bytes >> 20) + " MB"};
+                   "not enough memory: decoding needs " + std::to_string(window_->bytes() >> 20) + " MB"};
     }
     memory_ = static_cast<char*>(memory);
+    ask({0, 0, rows_at_a_time(theirs_.pictures[0])});
+    return Ok{};
+  }
+
+  // Rows [begin, end) of a picture.
+  struct Band {
+    int picture = -1, begin = 0, end = 0;
+  };
+
+  // What cannot be sent is found when the answer is awaited.
+  void ask(Band band) {
+    Writer request(Kind::rows);
+    request.number(band.picture);
+    request.number(band.begin);
+    request.number(band.end - band.begin);
+    asked_ = band;
+    ++turn_;
+    send_message(socket_, request.bytes());
+  }
+
+  // Makes the band ready that holds a row, which comes after all that were asked for before; the one after it is
+  // decoded in the meantime.
+  Result<Ok> await(int picture, int row) {
+    while (ready_.picture != picture || row >= ready_.end) {
+      ENVCONV_CHECK(receive_done());
+      ready_ = asked_;
+      ready_place_ = memory_ + window_->offset(turn_);
+      forgotten_ = 0;
+      const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(ready_.picture)];
+      if (ready_.end < p.height) {
+        ask({ready_.picture, ready_.end, std::min(ready_.end + rows_at_a_time(p), p.height)});
+      } else if (static_cast<std::size_t>(ready_.picture) + 1 < theirs_.pictures.size()) {
+        const int next = ready_.picture + 1;
+        ask({next, 0,
+             std::min(rows_at_a_time(theirs_.pictures[static_cast<std::size_t>(next)]),
+                      theirs_.pictures[static_cast<std::size_t>(next)].height)});
+      }
+    }
+    return Ok{};
+  }
+
+  // Rows of the band that is ready.  What was decoded whole is given back as it is copied, so that there are never two
+  // pictures in memory.
+  void copy(int first, int rows, char* to) {
+    const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(ready_.picture)];
+    const std::size_t piece = p.band > 0 ? window_->place : std::size_t{1} << 20;
+    std::size_t at = bytes_of_rows(p, first - ready_.begin);
+    for (const std::size_t end = at + bytes_of_rows(p, rows); at < end;) {
+      const std::size_t size = std::min(piece, end - at);
+      std::memcpy(to, ready_place_ + at, size);
+      to += size;
+      at += size;
+      const std::size_t whole_pages = at / 4096 * 4096;
+      if (p.band > 0 || whole_pages <= forgotten_) continue;
+      ::madvise(ready_place_ + forgotten_, whole_pages - forgotten_, MADV_REMOVE);
+      forgotten_ = whole_pages;
+    }
+  }
+
+  Result<Ok> receive_done() {
     Reader reply("");
     Kind kind = Kind::death;
-    if (sent) {
-      ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
-    } else {
-      ENVCONV_CHECK(receive(5, kind, reply));
-    }
-    if (kind != Kind::done) return senseless();
-    return Ok{};
+    ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
+    return kind == Kind::done ? Result<Ok>(Ok{}) : senseless();
   }
 
   // A spec or done; failures and deaths are errors.
@@ -627,7 +719,7 @@ class IsolatedDecoder final : public Decoder {
       return crashed(0);
     }
     reply = Reader(std::move(bytes));
-    kind = static_cast<Kind>(reply.number(0, 5));
+    kind = static_cast<Kind>(reply.number(0, kKinds - 1));
     if (kind == Kind::failure) return unpack_failure(reply);
     if (kind == Kind::death) return crashed(static_cast<int>(reply.number(0, 64)));
     return reply.good() ? Result<Ok>(Ok{}) : senseless();
@@ -635,9 +727,13 @@ class IsolatedDecoder final : public Decoder {
 
   int socket_ = -1;
   bool silent_ = false;
-  FileSpec spec_;
-  Plan plan_;
+  FileSpec spec_, theirs_;  // as this delivers pictures, and as the child does
+  std::optional<Window> window_;
   char* memory_ = nullptr;
+  std::int64_t turn_ = -1;  // of the band that was asked for last
+  Band asked_, ready_;
+  char* ready_place_ = nullptr;
+  std::size_t forgotten_ = 0;  // bytes of the ready band that were given back
 };
 
 }  // namespace
