@@ -671,11 +671,11 @@ class IsolatedDecoder final : public Decoder {
     return Ok{};
   }
 
-  // Rows of the band that is ready.  What was decoded whole is given back as it is copied, so that there are never two
-  // pictures in memory.
+  // Rows of the band that is ready.  As they are copied, what was decoded whole is given back, and what will be used
+  // again is unmapped: there are never two pictures in this process.
   void copy(int first, int rows, char* to) {
+    constexpr std::size_t piece = std::size_t{1} << 20;
     const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(ready_.picture)];
-    const std::size_t piece = p.band > 0 ? window_->place : std::size_t{1} << 20;
     std::size_t at = bytes_of_rows(p, first - ready_.begin);
     for (const std::size_t end = at + bytes_of_rows(p, rows); at < end;) {
       const std::size_t size = std::min(piece, end - at);
@@ -683,8 +683,8 @@ class IsolatedDecoder final : public Decoder {
       to += size;
       at += size;
       const std::size_t whole_pages = at / 4096 * 4096;
-      if (p.band > 0 || whole_pages <= forgotten_) continue;
-      ::madvise(ready_place_ + forgotten_, whole_pages - forgotten_, MADV_REMOVE);
+      if (whole_pages <= forgotten_) continue;
+      ::madvise(ready_place_ + forgotten_, whole_pages - forgotten_, p.band > 0 ? MADV_DONTNEED : MADV_REMOVE);
       forgotten_ = whole_pages;
     }
   }
@@ -733,7 +733,7 @@ class IsolatedDecoder final : public Decoder {
   std::int64_t turn_ = -1;  // of the band that was asked for last
   Band asked_, ready_;
   char* ready_place_ = nullptr;
-  std::size_t forgotten_ = 0;  // bytes of the ready band that were given back
+  std::size_t forgotten_ = 0;  // bytes of the ready band that are not mapped any more
 };
 
 }  // namespace

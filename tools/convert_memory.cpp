@@ -55,8 +55,8 @@ class Stages {
   std::vector<Stage> all() const { return {reading(), resampling(), making_levels(), writing()}; }
 
  private:
-  // Some megabytes of rows arrive at a time, two bands at once, in a window that both processes see; what is not float
-  // and linear already, by way of another band.
+  // Some megabytes of rows arrive at a time, by way of a window that both processes see and in which two bands have
+  // room; what is not float and linear already, by way of a band in this one.
   Stage reading() const {
     Stage stage;
     const Picture& first = file_.pictures.front();
@@ -66,9 +66,8 @@ class Stages {
                             (streamed ? sizeof(float) : bytes_of(first.type));
     const std::size_t lines = 32 * row * (file_.format == "openexr" ? thread_count(o_.threads) : 1);
     const std::size_t band = std::min(decoded, std::max(16 * MiB, std::min(lines, 64 * MiB)) + 32 * row);
-    // One band alone is given back while it is copied.
     const bool in_bands = streamed && decoded > band;
-    stage.working = (in_bands ? 2 * band : MiB) + (streamed && !o_.input.read.drop_alpha ? 0 : band);
+    stage.working = MiB + (streamed && !o_.input.read.drop_alpha ? 0 : band);
     // Many formats are decoded whole, and some codecs hold a copy; in this process when the input is trusted.
     stage.decoder =
         streamed ? (in_bands ? 2 * band : decoded) + 4 * MiB * thread_count(o_.threads) : 2 * decoded + image_library;
@@ -114,19 +113,22 @@ class Stages {
     const std::size_t result = shape_.result_bytes + levels.images;
     stage.images = result + levels.gutters + packing(levels);
     // While names are made there is no path yet, and nobody asks for the writing.
-    const std::string_view path = job_.paths.empty() ? ".exr" : std::string_view(job_.paths.front());
+    if (job_.paths.empty()) return stage;
+    const std::string_view path = job_.paths.front();
     const bool texture = holds_faces(std::string(path));
     const bool streamed = path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
-    const PixelType type = o_.write.type_given ? o_.write.type : file_.pictures.front().type;
+    const PixelType type = write_options(plan_, job_, shape_, {}, file_.pictures.front().type).type;
     const std::size_t encoded = shape_.result_bytes / 4 * bytes_of(type);
     if (streamed) {
       stage.working = path.ends_with(".exr") && type != PixelType::float32 ? std::min(encoded, 8 * MiB) : 0;
     } else if (texture) {
-      // A face at a time; of what is compressed level 0 as a whole, and the room that it could need.
-      const bool whole = o_.write.compression.find("zstd") != std::string::npos ||
-                         o_.write.compression.find("zlib") != std::string::npos;
-      stage.working =
-          whole ? 2 * encoded + encoded / shape_.faces.size() : encoded / static_cast<std::size_t>(pictures_of(plan_));
+      // A face at a time; for zlib all of level 0, and the room that it could need.
+      stage.working = encoded / static_cast<std::size_t>(pictures_of(plan_));
+      const std::string_view compression = o_.write.compression;
+      if (compression.find("zlib") != compression.npos) stage.working += 2 * encoded;
+      if (compression.find("zstd") != compression.npos) {
+        stage.working += std::min(encoded, (1 + thread_count(o_.threads)) * 8 * MiB);
+      }
     } else {
       stage.working = image_library + (o_.packing->name == "files" ? encoded / shape_.faces.size() : encoded);
     }
