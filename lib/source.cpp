@@ -122,7 +122,7 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
       s.pixels = face.data();
       continue;
     }
-    Image copy(s.size.width, s.size.height, channels_);
+    Image copy = face.sibling(s.size.width, s.size.height, channels_);
     tbb::parallel_for(0, s.size.height, [&](int y) {
       const float* from = face.row(y) + first_channel;
       float* to = copy.row(y);

@@ -75,7 +75,7 @@ class Stages {
     // One picture with several faces is taken apart, and given back on the way; in files it holds its place.
     const bool apart = shape_.source.layout->face_count() > 1 && file_.pictures.size() == 1;
     stage.images = shape_.source_bytes;
-    if (apart) stage.images += std::min(shape_.source_bytes, in_files_ ? shape_.source_bytes : 32 * MiB);
+    if (apart) stage.images += std::min(shape_.source_bytes, in_files_ ? shape_.source_bytes : 4 * MiB);
     return stage;
   }
 
@@ -99,7 +99,14 @@ class Stages {
     options.filter = o_.filter;
     options.threads = o_.threads;
     const std::size_t bytes = resample_bytes(image, options);
-    return {shape_.source_bytes + shape_.result_bytes, bytes - std::min(bytes, shape_.result_bytes), 0};
+    // What was beside the faces in one image is gone.
+    const std::size_t source = image.texel_count() * static_cast<std::size_t>(shape_.channels) * sizeof(float);
+    // A copy with four channels, where texels cannot be read in place.
+    const bool in_place = shape_.channels == 3 || shape_.channels == 4;
+    const std::size_t copy =
+        in_place && image.layout->info().domain == Domain::square ? 0 : image.texel_count() * 4 * sizeof(float);
+    const std::size_t images = shape_.result_bytes + copy;
+    return {source + images, bytes - std::min(bytes, images), 0};
   }
 
   Stage making_levels() const {
@@ -130,11 +137,18 @@ class Stages {
         stage.working += std::min(encoded, (1 + thread_count(o_.threads)) * 8 * MiB);
       }
     } else {
-      stage.working = image_library + (o_.packing->name == "files" ? encoded / shape_.faces.size() : encoded);
+      // Floats are the image's own.
+      const std::size_t elements = type == PixelType::float32 ? 0 : encoded;
+      stage.working = image_library + (o_.packing->name == "files" ? elements / shape_.faces.size() : elements);
     }
     if (o_.write.verify) {
       stage.images += shape_.result_bytes;
-      if (!streamed) stage.working = std::max(stage.working, encoded + 16 * MiB);
+      // What is not read in bands: a face, or all that was compressed together.
+      if (texture && o_.write.compression.empty()) {
+        stage.working = std::max(stage.working, encoded / static_cast<std::size_t>(pictures_of(plan_)));
+      } else if (!streamed) {
+        stage.working = std::max(stage.working, encoded + 16 * MiB);
+      }
     }
     return stage;
   }
