@@ -56,7 +56,6 @@ Result<Ok> ColorTransform::apply(Image& image, const Channels& channels) const {
   const bool direct = count == 3 && at == std::array<int, 3>{0, 1, 2};
   const ocio::CPUProcessor& cpu = *processor_->cpu;
   tbb::parallel_for(0, image.height(), [&](int y) {
-    image.relieve();
     if (direct) {
       if (!processor_->linear) flush(image.row(y), 3 * static_cast<std::size_t>(image.width()));
       ocio::PackedImageDesc row(image.row(y), image.width(), 1, 3);

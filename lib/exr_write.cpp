@@ -163,7 +163,6 @@ int band_lines(std::size_t row_values) {
 void convert_band(const Image& image, int first, int rows, Imf::PixelType type, char* to, Counts& counts) {
   const std::size_t values = static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(image.channels());
   const std::size_t bytes = values * (type == Imf::HALF ? 2 : 4);
-  image.relieve();
   tbb::parallel_for(0, rows, [&](int row) {
     convert_values(image.row(first + row), values, type, to ? to + static_cast<std::size_t>(row) * bytes : nullptr,
                    counts);

@@ -111,6 +111,7 @@ void Source::split_highlights(const EnvImage& image) {
     std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
     tbb::parallel_for(0, s.size.height, [&](int j) {
       const int y = j + apron_;
+      s.image->relieve();
       if (ranges[f][static_cast<std::size_t>(j)].brightest <= threshold_) return;
       for (int x = apron_; x < apron_ + s.size.width; ++x) {
         const float* t = pixel(s, x, y);

@@ -42,8 +42,8 @@ class Image {
   std::size_t pixel_count() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
   std::size_t value_count() const { return pixel_count() * static_cast<std::size_t>(channels_); }
 
-  float* row(int y) { return pixels_.get() + row_start(y); }
-  const float* row(int y) const { return pixels_.get() + row_start(y); }
+  float* row(int y) { return relieved() + row_start(y); }
+  const float* row(int y) const { return relieved() + row_start(y); }
   float* at(int x, int y) { return pixels_.get() + row_start(y) + column_start(x); }
   const float* at(int x, int y) const { return pixels_.get() + row_start(y) + column_start(x); }
   float* data() { return pixels_.get(); }
@@ -56,7 +56,8 @@ class Image {
   Image sibling(int width, int height, int channels) const { return {width, height, channels, scratch_}; }
   /// nullptr for images in memory.
   const std::shared_ptr<Scratch>& scratch() const { return scratch_; }
-  /// For loops over many rows: Scratch::relieve(), where that is what this image lives in.
+  /// Scratch::relieve(), where that is what this image lives in: for loops over many texels that do not ask for rows,
+  /// since row() does it.
   void relieve() const;
   /// What the rows above `y` hold is not needed any more: a large image gives their memory back to the system.
   void forget_rows_above(int y);
@@ -65,6 +66,10 @@ class Image {
   std::size_t row_start(int y) const {
     ENVCONV_ASSERT(!empty() && y >= 0 && y < height_);
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_);
+  }
+  float* relieved() const {
+    if (pixels_.get_deleter().scratch) relieve();
+    return pixels_.get();
   }
   std::size_t column_start(int x) const {
     ENVCONV_ASSERT(x >= 0 && x < width_);

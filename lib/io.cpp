@@ -407,7 +407,6 @@ Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, co
     if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));
     ENVCONV_CHECK(decoder.decode_rows(number, first, rows, to));
     if (!direct) to_linear(elements.get(), p, spec, drop_alpha, {first, rows}, image);
-    image.relieve();
   }
   return Ok{};
 }

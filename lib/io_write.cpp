@@ -317,6 +317,7 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
   };
   double difference = 0, sum = 0;
   for (int y = 0; y < a.height(); ++y) {
+    a.relieve();
     for (int x = 0; x < a.width(); ++x) {
       float peak = 0;
       for (int c = 0; c < channels; ++c) peak = std::max(peak, std::abs(a.at(x, y)[c]));

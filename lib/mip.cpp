@@ -142,7 +142,6 @@ class Chain {
     const int band = std::clamp(32 / per_row, 1, target.height());
     tbb::parallel_for(0, (target.height() + band - 1) / band, [&](int b) {
       const int first = b * band, end = std::min(first + band, target.height());
-      target.relieve();
       const int row0 = rows.first[static_cast<std::size_t>(first)], row1 = rows.first[static_cast<std::size_t>(end)];
       std::vector<double> computed;
       if (from == 0) {

@@ -170,7 +170,6 @@ void for_each_band(const PackedShape& shape, std::vector<Image>& faces, Image& p
       done[f] = end;
     }
     forget(below, done);
-    packed.relieve();
   }
 }
 

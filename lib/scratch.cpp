@@ -55,8 +55,8 @@ bool Scratch::lies_in_memory(const std::string& folder) {
 }
 
 void* Scratch::allocate(std::size_t bytes) {
-  const std::lock_guard lock(mutex_);
   const auto fail = [&](int code) {
+    const std::lock_guard lock(mutex_);
     if (!failure_) {
       failure_ = Error{ErrorCode::output,
                        std::string(std::strerror(code)) + " for " + megabytes(bytes) + " of scratch storage in " +
@@ -79,6 +79,7 @@ void* Scratch::allocate(std::size_t bytes) {
   }
   ::close(fd);
   if (memory == MAP_FAILED) fail(code);
+  const std::lock_guard lock(mutex_);
   mappings_.emplace(memory, bytes);
   if (!watcher_.joinable()) {
     try {
@@ -91,11 +92,16 @@ void* Scratch::allocate(std::size_t bytes) {
 }
 
 void Scratch::release(void* memory) noexcept {
-  const std::lock_guard lock(mutex_);
-  const auto found = mappings_.find(memory);
-  if (found == mappings_.end()) return;
-  ::munmap(memory, found->second);
-  mappings_.erase(found);
+  std::size_t bytes;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = mappings_.find(memory);
+    if (found == mappings_.end()) return;
+    bytes = found->second;
+    mappings_.erase(found);
+  }
+  // Takes its time: the file goes with it.
+  ::munmap(memory, bytes);
 }
 
 std::optional<Error> Scratch::failure() const {

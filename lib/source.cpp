@@ -118,6 +118,7 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
     SourceFace& s = faces_[f];
     s.pitch = static_cast<std::ptrdiff_t>(s.size.width) * channels_;
     const Image& face = image.faces[f];
+    s.image = &face;
     if (in_place) {
       s.pixels = face.data();
       continue;

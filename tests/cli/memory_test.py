@@ -93,6 +93,19 @@ class Memory(Case):
             self.assertTrue(0.8 < plan["peak_memory"] / peak < 1.25, (words, plan["peak_memory"] / peak))
         self.assertEqual(self.files(), ["in.exr", "small.exr"])
 
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_in_a_batch_too(self):
+        self.make_large("b.exr", 2048)
+        names = ["a.exr", "b.exr", "c.exr"]
+        for name in ("a.exr", "c.exr"):
+            write_constant(self.path(name))
+        self.path("out").mkdir()
+        words = (*names, "-o", "out/", "--to", "octahedral", "--filter", "nearest", "-j", 2, "--memory", 140 * MB)
+        plans = self.run_tool("convert", *words, "--dry-run", "--json").out.splitlines()
+        self.assertEqual([json.loads(plan)["scratch"] > 0 for plan in plans], [False, True, False])
+        self.assertLess(self.measured(*words), 140 * MB)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), names)
+
     @unittest.skipIf(SANITIZED, "a sanitizer wants to be loaded first")
     def test_a_disk_without_room_for_it(self):
         write_constant(self.path("in.exr"), 1, 512, 256)
