@@ -79,6 +79,10 @@ void* Scratch::allocate(std::size_t bytes) {
   }
   ::close(fd);
   if (memory == MAP_FAILED) fail(code);
+#ifdef MADV_NOHUGEPAGE
+  // A read here and there would map two megabytes each time: faster than anybody can unmap them.
+  ::madvise(memory, bytes, MADV_NOHUGEPAGE);
+#endif
   const std::lock_guard lock(mutex_);
   mappings_.emplace(memory, bytes);
   if (!watcher_.joinable()) {
