@@ -11,6 +11,7 @@
 
 #include "color_encoding.h"
 #include "io.h"
+#include "mapped_memory.h"
 
 namespace envconv {
 
@@ -43,19 +44,27 @@ struct FileSpec {
 constexpr int kMaxChannels = 64;
 constexpr int kMaxPictures = 64;
 
-/// An open file.  Errors carry no path: the caller knows it.  Throws nothing.
-class Decoder {
+/// An open file whose pictures can be had.  Errors carry no path: the caller knows it.  Throws nothing.
+class PixelSource {
  public:
-  virtual ~Decoder() = default;
+  virtual ~PixelSource() = default;
   virtual const FileSpec& spec() const = 0;
-  /// Delivers all pixels of a picture, [height][width][channels] elements, to memory that is zero.
+  /// All pixels of a picture, [height][width][channels] elements, with room behind them as Image::adopt() needs it.
+  /// Nobody else writes there.  Once for each picture.
+  virtual Result<MappedMemory> pixels(int picture) = 0;
+  /// Delivers `count` rows from `first` on, to memory that is zero: bands of PictureSpec::band rows, of which the last
+  /// may be less, each once and in order.  A source delivers all its pictures this way, or all by pixels().
+  virtual Result<Ok> decode_rows(int picture, int first, int count, void* pixels) = 0;
+};
+
+/// A file that is decoded in this process.
+class Decoder : public PixelSource {
+ public:
+  /// Delivers all pixels of a picture to memory that is zero.
   virtual Result<Ok> decode(int picture, void* pixels) = 0;
-  /// Delivers `count` rows from `first` on: bands of PictureSpec::band rows, of which the last may be less, each once
-  /// and in order.  Memory is zero too.
-  virtual Result<Ok> decode_rows(int picture, int first, int count, void* pixels) {
-    (void)first, (void)count;
-    return decode(picture, pixels);
-  }
+  Result<MappedMemory> pixels(int picture) override;
+  /// For decoders without bands.
+  Result<Ok> decode_rows(int picture, int, int, void* pixels) override { return decode(picture, pixels); }
 };
 
 /// What a decoder needs to know.
@@ -81,6 +90,15 @@ inline std::size_t size_of(PixelType type) {
     default: return 4;
   }
 }
+
+/// Bytes of a picture's elements and the room behind them, in whole pages.
+inline std::size_t bytes_of(const PictureSpec& picture) {
+  constexpr std::size_t kPages = 65536;
+  return (bytes_of_rows(picture, picture.height) + Image::room + kPages - 1) / kPages * kPages;
+}
+
+/// The error where there is no memory for so many bytes.
+Error no_memory_for(std::size_t bytes);
 
 /// The error of a picture that claims more than the limit.
 Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limit);

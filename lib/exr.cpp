@@ -18,13 +18,14 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <bit>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <mutex>
+#include <optional>
 
+#include "exr_chunk_reader.h"
 #include "exr_shared.h"
 
 namespace envconv {
@@ -188,19 +189,13 @@ struct Window {
   }
 };
 
-int level_count(const Imf::TileDescription& tiles, std::int64_t width, std::int64_t height) {
-  if (tiles.mode == Imf::ONE_LEVEL) return 1;
-  const auto size = static_cast<std::uint64_t>(std::max(width, height));
-  const int down = static_cast<int>(std::bit_width(size)) - 1;
-  return 1 + down + (tiles.roundingMode == Imf::ROUND_UP && !std::has_single_bit(size) ? 1 : 0);
-}
-
 class ExrDecoder final : public Decoder {
  public:
-  ExrDecoder(int fd, std::uint64_t size) : stream_(fd, size) {}
+  ExrDecoder(int fd, std::uint64_t size) : fd_(fd), stream_(fd, size), size_(size) {}
 
   Result<Ok> open(const DecoderOptions& options) {
     threads_ = options.threads;
+    ENVCONV_TRY(tables_, find_offset_tables(fd_, size_));
     try {
       file_ = std::make_unique<Imf::MultiPartInputFile>(stream_, threads_, false);
       const int parts = file_->parts();
@@ -230,6 +225,17 @@ class ExrDecoder final : public Decoder {
     try {
       if (first == 0 && !file_->partComplete(picture)) return bad_input("truncated or damaged: it was never finished");
       auto* base = static_cast<float*>(pixels);
+      const std::optional<ChunkGrid> chunks = chunks_of(picture);
+      if (chunks) {
+        const ChunkTarget place{base,
+                                target.width,
+                                count,
+                                target.channels.count(),
+                                part.origin_x - part.data.x0,
+                                part.origin_y - part.data.y0 + first};
+        return read_chunks(*chunks, place, threads_);
+      }
+      if (threads_ > 1) set_exr_pool_threads(threads_);
       const auto channels = static_cast<std::size_t>(target.channels.count());
       if (part.data.width() == target.width) {
         // The data window has the picture's columns: straight into place.
@@ -282,16 +288,13 @@ class ExrDecoder final : public Decoder {
     bool tiled;
     int level;                        // of a tiled part; 0 of others
     std::int64_t origin_x, origin_y;  // of the picture, in the data window's coordinates
+    std::int64_t full_width = data.width(), full_height = data.height();  // of level 0
 
     // Makes the data window and the picture's size those of the level, whose origin is level 0's.  False where the
     // picture is not the whole of it, or levels are not halved along both axes together.
     bool reduce(const Imf::TileDescription& tiles, std::int64_t& width, std::int64_t& height) {
       if (tiles.mode != Imf::MIPMAP_LEVELS || width != data.width() || height != data.height()) return false;
-      const auto halved = [&](std::int64_t n) {
-        const std::int64_t up = tiles.roundingMode == Imf::ROUND_UP ? (std::int64_t{1} << level) - 1 : 0;
-        return std::max<std::int64_t>(1, (n + up) >> level);
-      };
-      width = halved(width), height = halved(height);
+      width = reduced(width, level, tiles.roundingMode), height = reduced(height, level, tiles.roundingMode);
       data.x1 = data.x0 + width - 1, data.y1 = data.y0 + height - 1;
       return true;
     }
@@ -305,6 +308,48 @@ class ExrDecoder final : public Decoder {
     if (side >= picture.height) return 0;
     const int block = static_cast<int>(side);
     return band_rows(picture, block, part.tiled ? block : block * std::max(1, threads_));
+  }
+
+  // How the pixels of a part lie in the file; nothing where OpenEXR must unpack them.
+  std::optional<ChunkGrid> chunks_of(int picture) const {
+    const Imf::Header& header = file_->header(picture);
+    const Part& part = parts_[static_cast<std::size_t>(picture)];
+    const Imf::Compression compression = header.compression();
+    if (!chunks_are_ours(compression)) return {};
+    ChunkGrid grid;
+    grid.fd = fd_;
+    grid.file_size = size_;
+    grid.multi_part = is_multi_part(fd_);
+    grid.part = picture;
+    for (auto it = header.channels().begin(); it != header.channels().end(); ++it) {
+      const Imf::Channel& channel = it.channel();
+      if (channel.xSampling != 1 || channel.ySampling != 1) return {};
+      const auto wanted = std::find(part.stored.begin(), part.stored.end(), it.name());
+      grid.channels.push_back(
+          {type_of(channel.type), wanted == part.stored.end() ? -1 : static_cast<int>(wanted - part.stored.begin())});
+    }
+    grid.tiled = part.tiled;
+    grid.deflated = is_zip(compression);
+    grid.level = part.level;
+    grid.top = part.data.y0;
+    grid.width = part.data.width(), grid.height = part.data.height();
+    grid.block_width = grid.width, grid.block_height = chunk_lines(compression);
+    std::uint64_t before = 0;  // chunks whose offsets come first
+    for (int earlier = 0; earlier < picture; ++earlier) {
+      before += static_cast<std::uint64_t>(std::max(file_->header(earlier).chunkCount(), 0));
+    }
+    if (part.tiled) {
+      const Imf::TileDescription& tiles = header.tileDescription();
+      grid.block_width = tiles.xSize, grid.block_height = tiles.ySize;
+      for (int level = 0; level < part.level; ++level) {
+        const BlockGrid larger{reduced(part.full_width, level, tiles.roundingMode),
+                               reduced(part.full_height, level, tiles.roundingMode), tiles.xSize, tiles.ySize};
+        before += static_cast<std::uint64_t>(larger.count());
+      }
+    }
+    if (grid.largest_chunk() > std::numeric_limits<std::int32_t>::max()) return {};
+    grid.table = tables_ + before * 8;
+    return grid;
   }
 
   static Imf::FrameBuffer frame_buffer(const Part& part, float* base, std::int64_t x0, std::int64_t y0,
@@ -415,7 +460,9 @@ class ExrDecoder final : public Decoder {
     return Ok{};
   }
 
+  int fd_;
   FileStream stream_;
+  std::uint64_t size_, tables_ = 0;
   int threads_ = 0;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   FileSpec spec_;

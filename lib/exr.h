@@ -23,18 +23,12 @@ Result<Ok> check_exr_compression(const std::string& compression);
 /// True when what is written is not what is read, within half a step of the type.
 bool exr_compression_is_lossy(const std::string& compression, PixelType type);
 
-/// Writes scan lines; several pictures become parts.  `report.type` says which type.  Fails only for what OpenEXR
-/// itself refuses: the file remembers its own errors.
-Result<Ok> write_exr(OutputFile& file, const std::vector<Picture>& pictures, const WriteOptions& options,
+/// Writes scan lines, or, with MIP levels, tiles; several pictures become parts.  `report.type` says which type.  With
+/// levels, each picture's halve, rounded down, and those that are missing until one texel is left are filled with means
+/// of the last.  Fails for what OpenEXR itself refuses (the file remembers its own errors), and, as unsupported, where
+/// a level has another size.
+Result<Ok> write_exr(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
                      WriteReport& report);
-
-/// The same with MIP levels, in tiles: each picture's levels halve, rounded down.  Levels that are missing until one
-/// texel is left are filled with means of the last.  Error: unsupported, where a level has another size.
-Result<Ok> write_exr_levels(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,
-                            WriteReport& report);
-
-/// Rounds to half, clamped to its largest values; NaN becomes 0.
-void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to);
 
 /// Number of threads of OpenEXR's pool.  A process must not be forked while there are any: the pool would wait for
 /// threads that the new process does not have.

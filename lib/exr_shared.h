@@ -3,8 +3,12 @@
 #pragma once
 
 #include <ImfCompression.h>
+#include <ImfTileDescription.h>
 
+#include <algorithm>
+#include <bit>
 #include <cctype>
+#include <cstdint>
 #include <exception>
 #include <string>
 
@@ -35,5 +39,19 @@ inline constexpr CompressionName kCompressions[] = {
     {"b44", Imf::B44_COMPRESSION},   {"b44a", Imf::B44A_COMPRESSION}, {"dwaa", Imf::DWAA_COMPRESSION},
     {"dwab", Imf::DWAB_COMPRESSION},
 };
+
+/// Levels of a tiled part, of its data window's size.
+inline int level_count(const Imf::TileDescription& tiles, std::int64_t width, std::int64_t height) {
+  if (tiles.mode == Imf::ONE_LEVEL) return 1;
+  const auto size = static_cast<std::uint64_t>(std::max(width, height));
+  const int down = static_cast<int>(std::bit_width(size)) - 1;
+  return 1 + down + (tiles.roundingMode == Imf::ROUND_UP && !std::has_single_bit(size) ? 1 : 0);
+}
+
+/// A side of a level, of level 0's.
+inline std::int64_t reduced(std::int64_t n, int level, Imf::LevelRoundingMode rounding) {
+  const std::int64_t up = rounding == Imf::ROUND_UP ? (std::int64_t{1} << level) - 1 : 0;
+  return std::max<std::int64_t>(1, (n + up) >> level);
+}
 
 }  // namespace envconv

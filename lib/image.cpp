@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "assertion.h"
+#include "mapped_memory.h"
 #include "scratch.h"
 #include "solid_angle.h"
 
@@ -25,18 +26,29 @@ constexpr std::size_t huge_page = std::size_t{2} << 20, large_bytes = 4 * huge_p
 void Image::Free::operator()(float* p) const {
   if (scratch) {
     scratch->release(p);
+  } else if (mapped > 0) {
+    ::munmap(p, mapped);
   } else {
     std::free(p);
   }
+}
+
+Image Image::adopt(int width, int height, int channels, MappedMemory&& mapping) {
+  Image image = without_pixels(width, height, channels);
+  ENVCONV_ASSERT(mapping.size() >= image.value_count() * sizeof(float) + room);
+  image.pixels_.get_deleter().mapped = mapping.size();
+  image.pixels_.reset(static_cast<float*>(mapping.release()));
+  return image;
 }
 
 Image::Image(int width, int height, int channels, std::shared_ptr<Scratch> scratch)
     : width_(width), height_(height), channels_(channels), scratch_(std::move(scratch)) {
   ENVCONV_ASSERT(width >= 0 && height >= 0 && channels >= 0);
   // One vector more than the pixels, so that kernels may load whole vectors at the end.
-  const std::size_t bytes = (value_count() * sizeof(float) + 2 * 64 - 1) / 64 * 64;
+  const std::size_t bytes = (value_count() * sizeof(float) + room - 1) / 64 * 64;
   if (scratch_ && bytes >= Scratch::least_bytes) {
-    pixels_ = std::unique_ptr<float[], Free>(static_cast<float*>(scratch_->allocate(bytes)), Free{scratch_});
+    pixels_.reset(static_cast<float*>(scratch_->allocate(bytes)));
+    pixels_.get_deleter().scratch = scratch_;
     return;
   }
   const bool large = bytes >= large_bytes;
@@ -54,13 +66,17 @@ void Image::relieve() const {
   if (scratch_) scratch_->relieve();
 }
 
+void Image::row_touched() const {
+  scratch_->touched(static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_) * sizeof(float));
+}
+
 void Image::forget_rows_above(int y) {
   ENVCONV_ASSERT(!empty() && y >= 0 && y <= height_);
   const std::size_t row_bytes = static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_) * sizeof(float);
   // Whole huge pages: a part of one would stay.
   const std::size_t bytes = static_cast<std::size_t>(y) * row_bytes / huge_page * huge_page;
   if (bytes == 0 || value_count() * sizeof(float) < large_bytes) return;
-  madvise(pixels_.get(), bytes, pixels_.get_deleter().scratch ? MADV_REMOVE : MADV_DONTNEED);
+  forget_pages(pixels_.get(), bytes);
 }
 
 void Image::fill(float value) { std::fill_n(data(), value_count(), value); }

@@ -15,6 +15,7 @@
 
 namespace envconv {
 
+class MappedMemory;
 class Scratch;
 
 /// A rectangle of float pixels, channels interleaved, rows contiguous, top row first: [height][width][channels].
@@ -32,6 +33,10 @@ class Image {
     image.channels_ = channels;
     return image;
   }
+  /// The pixels that begin at a mapping, which is undone with the image.  There are `room` bytes of zeros behind them,
+  /// so that kernels may load whole vectors at the end.
+  static Image adopt(int width, int height, int channels, MappedMemory&& mapping);
+  static constexpr std::size_t room = 2 * 64;
   Image(Image&&) noexcept = default;
   Image& operator=(Image&&) noexcept = default;
 
@@ -68,14 +73,17 @@ class Image {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_);
   }
   float* relieved() const {
-    if (pixels_.get_deleter().scratch) relieve();
+    if (pixels_.get_deleter().scratch) row_touched();
     return pixels_.get();
   }
+  void row_touched() const;
   std::size_t column_start(int x) const {
     ENVCONV_ASSERT(x >= 0 && x < width_);
     return static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
   }
   struct Free {
+    Free() {}
+    std::size_t mapped = 0;            // bytes of a mapping, or 0
     std::shared_ptr<Scratch> scratch;  // that the pixels are from, or nullptr
     void operator()(float* p) const;
   };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "imageio_write.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <new>
@@ -10,6 +11,7 @@
 #include "imageio_loader.h"
 #include "io_shared.h"
 #include "png_color.h"
+#include "row_kernels.h"
 #include "tiff_chain.h"
 
 namespace envconv {
@@ -66,18 +68,19 @@ std::unique_ptr<void, FreeBytes> stored_elements(const Picture& picture, const W
                                                  WriteReport& report) {
   const Image& image = picture.image;
   if (is_integer(report.type)) return to_elements(picture, report.type, options.encoding, report);
-  // The library converts to half itself, without a word about what does not fit.
-  std::int64_t odd = 0, high = 0;
-  for (std::size_t i = 0; i < image.value_count(); ++i) {
-    odd += !std::isfinite(image.data()[i]);
-    high += report.type == PixelType::half && std::isfinite(image.data()[i]) && std::abs(image.data()[i]) >= 65520.f;
+  HalfCounts odd;
+  std::unique_ptr<void, FreeBytes> elements;
+  if (report.type == PixelType::half) {
+    // The library converts to half itself, without a word about what does not fit.
+    elements.reset(std::malloc(image.value_count() * 2));
+    if (!elements) throw std::bad_alloc();
+    floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()), odd);
+  } else {
+    odd.nonfinite =
+        std::count_if(image.data(), image.data() + image.value_count(), [](float v) { return !std::isfinite(v); });
   }
-  report.nonfinite += odd;
-  report.clamped_high += high;
-  if (report.type != PixelType::half) return nullptr;
-  std::unique_ptr<void, FreeBytes> elements(std::malloc(image.value_count() * 2));
-  if (!elements) throw std::bad_alloc();
-  floats_to_halves(image.data(), image.value_count(), static_cast<std::uint16_t*>(elements.get()));
+  report.nonfinite += odd.nonfinite;
+  report.clamped_high += odd.high;
   return elements;
 }
 

@@ -135,6 +135,18 @@ int band_rows(const PictureSpec& picture, int multiple, int least) {
   return band < static_cast<std::size_t>(picture.height) ? static_cast<int>(band) : 0;
 }
 
+Error no_memory_for(std::size_t bytes) {
+  return {ErrorCode::limit, "not enough memory: the picture needs " + std::to_string(bytes >> 20) + " MB"};
+}
+
+Result<MappedMemory> Decoder::pixels(int picture) {
+  const std::size_t bytes = bytes_of(spec().pictures[static_cast<std::size_t>(picture)]);
+  MappedMemory memory = MappedMemory::zeros(bytes);
+  if (!memory.data()) return no_memory_for(bytes);
+  ENVCONV_CHECK(decode(picture, memory.data()));
+  return memory;
+}
+
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
   if (format == "openexr") return open_exr(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
@@ -386,14 +398,17 @@ bool drops_alpha(const PictureSpec& p, const ReadOptions& options) {
   return options.drop_alpha && p.channels.alpha >= 0 && p.channels.count() > 1;
 }
 
-// Gives the image, which has a size, its pixels.  `spec` is the decoder's, with its colours settled.
-Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, const ReadOptions& options,
-                          Image& image) {
+Result<std::unique_ptr<PixelSource>> open_source(const std::string& format, int fd, const DecoderOptions& how,
+                                                 bool trusted) {
+  if (!trusted) return open_isolated(format, fd, how);
+  ENVCONV_TRY(std::unique_ptr<Decoder> decoder, open_decoder(format, fd, how));
+  return std::unique_ptr<PixelSource>(std::move(decoder));
+}
+
+// The pixels of an image in scratch storage, some megabytes at a time.
+Result<Ok> decode_bands(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options, bool direct,
+                        Image& image) {
   const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
-  image = Image(image.width(), image.height(), image.channels(), options.scratch);
-  const bool drop_alpha = drops_alpha(p, options);
-  const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
-                      spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
   const int band = rows_at_a_time(p);
   std::unique_ptr<void, FreeBytes> elements;
   if (!direct) {
@@ -405,8 +420,41 @@ Result<Ok> decode_picture(Decoder& decoder, const FileSpec& spec, int number, co
     void* to = direct ? image.row(first) : elements.get();
     // What a damaged chunk leaves out is black, not whatever was in memory.
     if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));
-    ENVCONV_CHECK(decoder.decode_rows(number, first, rows, to));
-    if (!direct) to_linear(elements.get(), p, spec, drop_alpha, {first, rows}, image);
+    ENVCONV_CHECK(source.decode_rows(number, first, rows, to));
+    if (!direct) to_linear(elements.get(), p, spec, drops_alpha(p, options), {first, rows}, image);
+  }
+  return Ok{};
+}
+
+// Gives the image, which has a size, its pixels.  `spec` is the source's, with its colours settled.
+Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options,
+                          Image& image) {
+  const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
+  const bool drop_alpha = drops_alpha(p, options);
+  const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
+                      spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
+  if (options.scratch) {
+    image = Image(image.width(), image.height(), image.channels(), options.scratch);
+    return decode_bands(source, spec, number, options, direct, image);
+  }
+  ENVCONV_TRY(MappedMemory elements, source.pixels(number));
+  if (direct) {
+    image = Image::adopt(image.width(), image.height(), image.channels(), std::move(elements));
+    return Ok{};
+  }
+  image = Image(image.width(), image.height(), image.channels());
+  // What has become floats is given back, so that there are never two pictures in memory.
+  constexpr std::size_t kAtOnce = std::size_t{16} << 20, kPage = 4096;
+  const int rows_at_once =
+      static_cast<int>(std::min<std::size_t>(kAtOnce / bytes_of_rows(p, 1) + 1, static_cast<std::size_t>(p.height)));
+  auto* const bytes = static_cast<char*>(elements.data());
+  std::size_t forgotten = 0;
+  for (int first = 0; first < p.height; first += rows_at_once) {
+    const int rows = std::min(rows_at_once, p.height - first);
+    to_linear(bytes + bytes_of_rows(p, first), p, spec, drop_alpha, {first, rows}, image);
+    const std::size_t done = bytes_of_rows(p, first + rows) / kPage * kPage;
+    forget_pages(bytes + forgotten, done - forgotten);
+    forgotten = done;
   }
   return Ok{};
 }
@@ -436,11 +484,10 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
       std::min(thread_count(options.threads), static_cast<int>(std::min<off_t>(info.st_size / 200000, 1023)) + 1);
   if (options.header_only) how.threads = 1;
   how.level = options.level;
-  if (options.trust_input && *format == "openexr" && how.threads > 1) set_exr_pool_threads(how.threads);
-  auto opened = options.trust_input ? open_decoder(*format, fd.get(), how) : open_isolated(*format, fd.get(), how);
+  auto opened = open_source(*format, fd.get(), how, options.trust_input);
   if (!opened) return on(path, opened.error());
-  Decoder& decoder = **opened;
-  FileSpec spec = decoder.spec();
+  PixelSource& source = **opened;
+  FileSpec spec = source.spec();
   if (options.level < 0 || options.level >= spec.levels) {
     return on(path, ErrorCode::input,
               "has no level " + std::to_string(options.level) + " (its levels are 0 to " +
@@ -480,7 +527,7 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
   if (options.header_only) return file;
   if (options.accept) ENVCONV_CHECK(options.accept(file));
   for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-    const auto decoded = decode_picture(decoder, spec, static_cast<int>(i), options, file.pictures[i].image);
+    const auto decoded = decode_picture(source, spec, static_cast<int>(i), options, file.pictures[i].image);
     if (!decoded) return on(path, decoded.error());
   }
   return file;

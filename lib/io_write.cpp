@@ -408,7 +408,6 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   if (levels.empty()) return on(path, ErrorCode::internal, "no level to write");
   const std::vector<Picture>& pictures = levels.front();
   if (pictures.empty()) return on(path, ErrorCode::internal, "no picture to write");
-  std::size_t values = 0;
   for (const Picture& picture : pictures) {
     if (picture.image.empty() || picture.image.width() < 1 || picture.image.height() < 1) {
       return on(path, ErrorCode::internal, "a picture without pixels");
@@ -418,7 +417,6 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     }
     ENVCONV_CHECK(can_write(path, options, static_cast<int>(pictures.size()), picture.image.channels(),
                             static_cast<int>(levels.size())));
-    values += picture.image.value_count();
   }
   ENVCONV_TRY(const Format* format, format_of(path));
   WriteReport report;
@@ -427,9 +425,7 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
   ENVCONV_TRY(OutputFile file, OutputFile::create(path));
   Result<Ok> done = Ok{};
   if (std::string_view(format->name) == "openexr") {
-    if (values > (1u << 18)) set_exr_pool_threads(thread_count(options.threads));
-    done = levels.size() > 1 ? write_exr_levels(file, levels, options, report)
-                             : write_exr(file, pictures, options, report);
+    done = write_exr(file, levels, options, report);
   } else if (std::string_view(format->name) == "hdr") {
     done = write_hdr(file, pictures.front(), options, report);
   } else if (is_texture_file(format->name)) {

@@ -46,8 +46,8 @@ constexpr int kOpenSeconds = 20;                 // to understand a header
 
 // --- messages ------------------------------------------------------------------------------------------------------
 
-enum class Kind : std::uint32_t { request, spec, failure, window, rows, done, death };
-constexpr std::int64_t kKinds = 7;
+enum class Kind : std::uint32_t { request, spec, failure, go, window, rows, done, death };
+constexpr std::int64_t kKinds = 8;
 
 class Writer {
  public:
@@ -262,8 +262,23 @@ void limit_resource(int resource, std::uint64_t value) {
   ::setrlimit(static_cast<__rlimit_resource>(resource), &limit);
 }
 
-// The memory that both sides share: two places, each for the largest band of rows of all pictures, so that one band is
-// decoded while the one before is copied.
+struct Plan {
+  std::size_t bytes = 0;  // of the mapping
+  std::vector<std::size_t> offsets;
+};
+
+// Each picture on its own pages.
+Plan plan_of(const FileSpec& spec) {
+  Plan plan;
+  for (const PictureSpec& picture : spec.pictures) {
+    plan.offsets.push_back(plan.bytes);
+    plan.bytes += bytes_of(picture);
+  }
+  return plan;
+}
+
+// For pictures that go elsewhere, the memory that both sides share: two places, each for the largest band of rows of
+// all pictures, so that one band is decoded while the one before is copied.
 struct Window {
   std::size_t place = 0;  // bytes
   explicit Window(const FileSpec& spec) {
@@ -289,39 +304,57 @@ int decode_seconds(const FileSpec& spec) {
   return static_cast<int>(std::min(20 + values / 500e3, 86400.));
 }
 
-// Decodes the rows that the caller asks for, until it has enough.  Sends an error to the caller, or returns.
-void decode_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t base, int threads) {
+// What both ways of decoding have in common: memory that is shared with the caller, and limits for decoding.
+class ChildsMemory {
+ public:
+  ChildsMemory(int shared, std::size_t bytes, const FileSpec& spec, std::uint64_t base, int threads) {
+    const auto seconds = static_cast<std::uint64_t>(decode_seconds(spec));
+    limit_resource(RLIMIT_CPU, seconds * static_cast<std::uint64_t>(threads) + kOpenSeconds);
+    // What is shared, and for the codec's own copies three times the pictures, as some hold all of them.
+    limit_resource(RLIMIT_AS, base + bytes + 3 * plan_of(spec).bytes);
+    mapping_ = MappedMemory::of_file(shared, 0, bytes);
+    if (!mapping_.data()) throw std::bad_alloc();
+  }
+  char* at(std::size_t offset) const { return static_cast<char*>(mapping_.data()) + offset; }
+
+ private:
+  MappedMemory mapping_;
+};
+
+// Decodes all pictures.
+Result<Ok> decode_all_for_caller(int shared, Decoder& decoder, std::uint64_t base, int threads) {
+  const FileSpec& spec = decoder.spec();
+  const Plan plan = plan_of(spec);
+  const ChildsMemory memory(shared, plan.bytes, spec, base, threads);
+  ::alarm(static_cast<unsigned>(decode_seconds(spec)));
+  for (std::size_t i = 0; i < spec.pictures.size(); ++i)
+    ENVCONV_CHECK(decoder.decode(static_cast<int>(i), memory.at(plan.offsets[i])));
+  return Ok{};
+}
+
+// Decodes the rows that the caller asks for, and says so each time, until it has enough.
+Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t base, int threads) {
   const FileSpec& spec = decoder.spec();
   const Window window(spec);
-  const int seconds = decode_seconds(spec);
-  limit_resource(RLIMIT_CPU, static_cast<std::uint64_t>(seconds) * static_cast<std::uint64_t>(threads) + kOpenSeconds);
-  std::size_t whole = 0;
-  for (const PictureSpec& picture : spec.pictures) whole += bytes_of_rows(picture, picture.height);
-  // The window, and for the codec's own copies three times the pictures, as some hold all of them.
-  limit_resource(RLIMIT_AS, base + window.bytes() + whole * 3);
-  const auto fail = [&](const Error& error) { send_message(socket, failure(error).bytes()); };
-  void* memory = ::mmap(nullptr, window.bytes(), PROT_READ | PROT_WRITE, MAP_SHARED, shared, 0);
-  if (memory == MAP_FAILED) return fail({ErrorCode::limit, "not enough memory to decode it"});
+  const ChildsMemory memory(shared, window.bytes(), spec, base, threads);
   std::string bytes;
   std::vector<int> fds;
   for (std::int64_t turn = 0;; ++turn) {
     // Waiting for the caller is not decoding.
     ::alarm(0);
-    if (!receive_message(socket, bytes, fds)) return;
+    if (!receive_message(socket, bytes, fds)) ::_exit(0);
     Reader request(std::move(bytes));
     const auto kind = static_cast<Kind>(request.number(0, kKinds - 1));
-    const auto picture = request.number(0, static_cast<std::int64_t>(spec.pictures.size()) - 1);
-    const int height = spec.pictures[static_cast<std::size_t>(picture)].height;
-    const auto first = request.number(0, height - 1), count = request.number(1, height - first);
-    if (kind != Kind::rows || !request.good()) return;
-    ::alarm(static_cast<unsigned>(seconds));
-    void* to = static_cast<char*>(memory) + window.offset(turn);
-    if (turn > 1)
-      std::memset(to, 0, bytes_of_rows(spec.pictures[static_cast<std::size_t>(picture)], static_cast<int>(count)));
-    const auto result =
-        decoder.decode_rows(static_cast<int>(picture), static_cast<int>(first), static_cast<int>(count), to);
-    if (!result) return fail(result.error());
-    if (!send_message(socket, Writer(Kind::done).bytes())) return;
+    const auto number = static_cast<int>(request.number(0, static_cast<std::int64_t>(spec.pictures.size()) - 1));
+    const PictureSpec& picture = spec.pictures[static_cast<std::size_t>(number)];
+    const auto first = static_cast<int>(request.number(0, picture.height - 1));
+    const auto count = static_cast<int>(request.number(1, picture.height - first));
+    if (kind != Kind::rows || !request.good()) ::_exit(0);
+    ::alarm(static_cast<unsigned>(decode_seconds(spec)));
+    char* const to = memory.at(window.offset(turn));
+    if (turn > 1) std::memset(to, 0, bytes_of_rows(picture, count));
+    ENVCONV_CHECK(decoder.decode_rows(number, first, count, to));
+    if (!send_message(socket, Writer(Kind::done).bytes())) ::_exit(0);
   }
 }
 
@@ -351,7 +384,6 @@ void decode_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t b
     }
     if (hook == "exit") ::_exit(1);
     if (hook == "rubbish") finish(std::string(5000, '\x7F'));
-    if (format == "openexr" && threads > 1) set_exr_pool_threads(static_cast<int>(threads));
     auto decoder = open_decoder(format, file, options);
     if (!decoder) finish(failure(decoder.error()).bytes());
     const FileSpec& spec = (*decoder)->spec();
@@ -363,8 +395,10 @@ void decode_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t b
     std::string bytes;
     std::vector<int> fds;
     if (!receive_message(socket, bytes, fds) || fds.size() != 1) ::_exit(0);  // the header was all that was wanted
-    decode_for_caller(socket, fds[0], **decoder, base, static_cast<int>(threads));
-    ::_exit(0);
+    const bool whole = static_cast<Kind>(Reader(std::move(bytes)).number(0, kKinds - 1)) == Kind::go;
+    const auto result = whole ? decode_all_for_caller(fds[0], **decoder, base, static_cast<int>(threads))
+                              : decode_rows_for_caller(socket, fds[0], **decoder, base, static_cast<int>(threads));
+    finish(result ? Writer(Kind::done).bytes() : failure(result.error()).bytes());
   } catch (const std::bad_alloc&) {
     finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
   } catch (...) {
@@ -524,10 +558,9 @@ Error crashed(int signal) {
   return {ErrorCode::input, how.insert(0, "the reader ").append("; the file is damaged, or made to do harm")};
 }
 
-class IsolatedDecoder final : public Decoder {
+class IsolatedReader final : public PixelSource {
  public:
-  ~IsolatedDecoder() override {
-    if (memory_ != nullptr) ::munmap(memory_, window_->bytes());
+  ~IsolatedReader() override {
     if (socket_ >= 0) ::close(socket_);  // the zygote ends the child
   }
 
@@ -588,8 +621,9 @@ class IsolatedDecoder final : public Decoder {
 
   const FileSpec& spec() const override { return spec_; }
 
-  Result<Ok> decode(int picture, void* pixels) override {
-    return decode_rows(picture, 0, spec_.pictures[static_cast<std::size_t>(picture)].height, pixels);
+  Result<MappedMemory> pixels(int picture) override {
+    if (memory_.empty()) ENVCONV_CHECK(decode_all());
+    return std::move(memory_[static_cast<std::size_t>(picture)]);
   }
 
   Result<Ok> decode_rows(int picture, int first, int count, void* pixels) override {
@@ -612,24 +646,49 @@ class IsolatedDecoder final : public Decoder {
     return {ErrorCode::input, "the reader gave a senseless answer; the file is damaged, or made to do harm"};
   }
 
-  Result<Ok> share_window() {
-    if (memory_ != nullptr) return Ok{};
-    window_.emplace(theirs_);
+  // So many bytes that both sides will see: a descriptor for the child, which is closed after it was sent.
+  static Result<int> shared_file(std::size_t bytes) {
     const int fd = static_cast<int>(::memfd_create("envconv-pixels", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (fd < 0) return Error{ErrorCode::limit, std::string("no shared memory: ") + std::strerror(errno)};
-    void* memory = MAP_FAILED;
     // Sealed: a child that shrank it would make this process die on the next access.
-    if (::ftruncate(fd, static_cast<off_t>(window_->bytes())) == 0 &&
-        ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
-      memory = ::mmap(nullptr, window_->bytes(), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-    }
-    if (memory != MAP_FAILED) send_message(socket_, Writer(Kind::window).bytes(), {fd});
+    if (::ftruncate(fd, static_cast<off_t>(bytes)) == 0 &&
+        ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0)
+      return fd;
     ::close(fd);
-    if (memory == MAP_FAILED) {
-      return Error{ErrorCode::limit,
-                   "not enough memory: decoding needs " + std::to_string(window_->bytes() >> 20) + " MB"};
+    return no_memory_for(bytes);
+  }
+
+  Result<Ok> decode_all() {
+    const Plan plan = plan_of(spec_);
+    ENVCONV_TRY(const int fd, shared_file(plan.bytes));
+    bool mapped = true;
+    for (std::size_t i = 0; mapped && i < plan.offsets.size(); ++i) {
+      memory_.push_back(MappedMemory::of_file(fd, plan.offsets[i], bytes_of(spec_.pictures[i])));
+      mapped = memory_.back().data() != nullptr;
     }
-    memory_ = static_cast<char*>(memory);
+    const bool sent = mapped && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    ::close(fd);
+    if (!mapped) return no_memory_for(plan.bytes);
+    Reader reply("");
+    Kind kind = Kind::death;
+    ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) + 20 : 5, kind, reply));
+    if (kind != Kind::done) return senseless();
+    // The memory is used as it is, so nobody may write there any more.
+    ended_ = true;
+    ENVCONV_CHECK(receive(20, kind, reply));
+    if (kind != Kind::death) return senseless();
+    return Ok{};
+  }
+
+  Result<Ok> share_window() {
+    if (window_) return Ok{};
+    const Window window(theirs_);
+    ENVCONV_TRY(const int fd, shared_file(window.bytes()));
+    shared_ = MappedMemory::of_file(fd, 0, window.bytes());
+    if (shared_.data()) send_message(socket_, Writer(Kind::window).bytes(), {fd});
+    ::close(fd);
+    if (!shared_.data()) return no_memory_for(window.bytes());
+    window_ = window;
     ask({0, 0, rows_at_a_time(theirs_.pictures[0])});
     return Ok{};
   }
@@ -656,17 +715,15 @@ class IsolatedDecoder final : public Decoder {
     while (ready_.picture != picture || row >= ready_.end) {
       ENVCONV_CHECK(receive_done());
       ready_ = asked_;
-      ready_place_ = memory_ + window_->offset(turn_);
+      ready_place_ = static_cast<char*>(shared_.data()) + window_->offset(turn_);
       forgotten_ = 0;
-      const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(ready_.picture)];
-      if (ready_.end < p.height) {
-        ask({ready_.picture, ready_.end, std::min(ready_.end + rows_at_a_time(p), p.height)});
-      } else if (static_cast<std::size_t>(ready_.picture) + 1 < theirs_.pictures.size()) {
-        const int next = ready_.picture + 1;
-        ask({next, 0,
-             std::min(rows_at_a_time(theirs_.pictures[static_cast<std::size_t>(next)]),
-                      theirs_.pictures[static_cast<std::size_t>(next)].height)});
-      }
+      Band next{ready_.picture, ready_.end, 0};
+      if (next.begin == theirs_.pictures[static_cast<std::size_t>(next.picture)].height)
+        next = {next.picture + 1, 0, 0};
+      if (static_cast<std::size_t>(next.picture) == theirs_.pictures.size()) continue;
+      const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(next.picture)];
+      next.end = std::min(next.begin + rows_at_a_time(p), p.height);
+      ask(next);
     }
     return Ok{};
   }
@@ -696,7 +753,7 @@ class IsolatedDecoder final : public Decoder {
     return kind == Kind::done ? Result<Ok>(Ok{}) : senseless();
   }
 
-  // A spec or done; failures and deaths are errors.
+  // A spec or done, and then its death; failures, and deaths before, are errors.
   Result<Ok> receive(int seconds, Kind& kind, Reader& reply) {
     silent_ = false;
     timespec now;
@@ -721,15 +778,17 @@ class IsolatedDecoder final : public Decoder {
     reply = Reader(std::move(bytes));
     kind = static_cast<Kind>(reply.number(0, kKinds - 1));
     if (kind == Kind::failure) return unpack_failure(reply);
-    if (kind == Kind::death) return crashed(static_cast<int>(reply.number(0, 64)));
+    if (kind == Kind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
     return reply.good() ? Result<Ok>(Ok{}) : senseless();
   }
 
   int socket_ = -1;
   bool silent_ = false;
-  FileSpec spec_, theirs_;  // as this delivers pictures, and as the child does
+  FileSpec spec_, theirs_;            // as this delivers pictures in bands, and as the child does
+  std::vector<MappedMemory> memory_;  // of each picture that was decoded whole, until it is asked for
+  bool ended_ = false;                // the child has done all it should
   std::optional<Window> window_;
-  char* memory_ = nullptr;
+  MappedMemory shared_;     // the window
   std::int64_t turn_ = -1;  // of the band that was asked for last
   Band asked_, ready_;
   char* ready_place_ = nullptr;
@@ -744,10 +803,10 @@ void start_isolated_reader() {
   if (z.control < 0 || z.owner != ::getpid()) start(z);
 }
 
-Result<std::unique_ptr<Decoder>> open_isolated(const std::string& format, int fd, const DecoderOptions& options) {
-  auto decoder = std::make_unique<IsolatedDecoder>();
-  ENVCONV_CHECK(decoder->open(format, fd, options));
-  return std::unique_ptr<Decoder>(std::move(decoder));
+Result<std::unique_ptr<PixelSource>> open_isolated(const std::string& format, int fd, const DecoderOptions& options) {
+  auto reader = std::make_unique<IsolatedReader>();
+  ENVCONV_CHECK(reader->open(format, fd, options));
+  return std::unique_ptr<PixelSource>(std::move(reader));
 }
 
 }  // namespace envconv

@@ -13,6 +13,6 @@ namespace envconv {
 
 /// As open_decoder(), in a process that is forked for this file and ends with it.  What that process says is held
 /// against the limits before anything is allocated.  A crash, a hang or too much memory is ErrorCode::input.
-Result<std::unique_ptr<Decoder>> open_isolated(const std::string& format, int fd, const DecoderOptions& options);
+Result<std::unique_ptr<PixelSource>> open_isolated(const std::string& format, int fd, const DecoderOptions& options);
 
 }  // namespace envconv

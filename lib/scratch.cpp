@@ -131,6 +131,7 @@ void Scratch::unmap_pages() {
 }
 
 void Scratch::relieve() {
+  touched_.store(0, std::memory_order_relaxed);
   std::size_t now = resident();
   if (now == 0 || now < threshold_) return;
   const std::lock_guard lock(mutex_);

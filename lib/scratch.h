@@ -42,6 +42,10 @@ class Scratch {
 
   /// Looks now.  For loops that touch pages faster than the thread can follow; takes about a microsecond.
   void relieve();
+  /// The same once in a while: about so many bytes will be touched next.
+  void touched(std::size_t bytes) {
+    if (touched_.fetch_add(bytes, std::memory_order_relaxed) + bytes >= look_every) relieve();
+  }
 
   /// The first thing that went wrong, ErrorCode::output, or nothing.
   std::optional<Error> failure() const;
@@ -50,15 +54,18 @@ class Scratch {
   static bool lies_in_memory(const std::string& folder);
 
  private:
+  static constexpr std::size_t look_every = std::size_t{1} << 20;  // bytes
+
   void watch();
   std::size_t resident() const;
   void unmap_pages();
 
   const std::string folder_;
   const std::size_t limit_;
-  int statm_ = -1;                      // /proc/self/statm, or -1
-  std::atomic<std::size_t> threshold_;  // bytes above which pages are unmapped
-  mutable std::mutex mutex_;            // of all below
+  int statm_ = -1;                       // /proc/self/statm, or -1
+  std::atomic<std::size_t> threshold_;   // bytes above which pages are unmapped
+  std::atomic<std::size_t> touched_{0};  // bytes since the last look, by those who tell
+  mutable std::mutex mutex_;             // of all below
   std::map<void*, std::size_t> mappings_;
   std::optional<Error> failure_;
   bool stopping_ = false;

@@ -16,6 +16,7 @@ endfunction()
 envconv_fuzz(dds_fuzz dds)
 envconv_fuzz(ktx_fuzz ktx)
 envconv_fuzz(ktx2_fuzz ktx2)
+envconv_fuzz(exr_fuzz exr)
 envconv_fuzz(hdr_fuzz hdr)
 envconv_fuzz(convert_fuzz convert)
 

@@ -44,6 +44,9 @@ endforeach()
 # Chooses SIMD targets, so it talks to Highway itself.
 envconv_test(simd_test LIBRARIES hwy::hwy)
 
+# OpenEXR reads and writes what we write and read, on every SIMD target.
+envconv_test(exr_test LIBRARIES PkgConfig::OPENEXR hwy::hwy TBB::tbb)
+
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})

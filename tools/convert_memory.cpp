@@ -4,7 +4,6 @@
 #include <cstdlib>
 #include <string_view>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "convert.h"
@@ -55,23 +54,32 @@ class Stages {
   std::vector<Stage> all() const { return {reading(), resampling(), making_levels(), writing()}; }
 
  private:
-  // Some megabytes of rows arrive at a time, by way of a window that both processes see and in which two bands have
-  // room; what is not float and linear already, by way of a band in this one.
+  // Into memory: the decoder's memory becomes the image's, and what is not float and linear already is made so and
+  // given back some megabytes at a time.  Into files: some megabytes of rows arrive at a time, by way of a window that
+  // both processes see and in which two bands have room; what is not float and linear already, by way of a band in this
+  // one.
   Stage reading() const {
     Stage stage;
     const Picture& first = file_.pictures.front();
     const bool streamed = file_.format == "openexr" || file_.format == "hdr";
-    const std::size_t decoded = streamed ? shape_.source_bytes : shape_.source_bytes / 4 * bytes_of(first.type);
+    const bool direct = streamed && !o_.input.read.drop_alpha;
+    std::size_t decoded = streamed ? shape_.source_bytes : shape_.source_bytes / 4 * bytes_of(first.type);
+    if (o_.input.read.drop_alpha) decoded = decoded / 3 * 4;
     const std::size_t row = static_cast<std::size_t>(first.image.width()) * static_cast<std::size_t>(shape_.channels) *
                             (streamed ? sizeof(float) : bytes_of(first.type));
     const std::size_t lines = 32 * row * (file_.format == "openexr" ? thread_count(o_.threads) : 1);
     const std::size_t band = std::min(decoded, std::max(16 * MiB, std::min(lines, 64 * MiB)) + 32 * row);
     const bool in_bands = streamed && decoded > band;
-    stage.working = MiB + (streamed && !o_.input.read.drop_alpha ? 0 : band);
+    stage.working = MiB + (direct ? 0 : band);
     // Many formats are decoded whole, and some codecs hold a copy; in this process when the input is trusted.
-    stage.decoder =
-        streamed ? (in_bands ? 2 * band : decoded) + 4 * MiB * thread_count(o_.threads) : 2 * decoded + image_library;
-    if (o_.input.read.trust_input) stage.working += std::exchange(stage.decoder, 0);
+    const std::size_t codec = streamed ? 4 * MiB * thread_count(o_.threads) : decoded + image_library;
+    stage.decoder = codec + (in_bands ? 2 * band : decoded);
+    if (o_.input.read.trust_input) {
+      stage.working += codec;
+      // What was decoded has gone by when there is as much of the image.
+      if (!direct) stage.working += in_files_ ? decoded : decoded - std::min(decoded, shape_.source_bytes);
+      stage.decoder = 0;
+    }
     // One picture with several faces is taken apart, and given back on the way; in files it holds its place.
     const bool apart = shape_.source.layout->face_count() > 1 && file_.pictures.size() == 1;
     stage.images = shape_.source_bytes;
@@ -127,7 +135,7 @@ class Stages {
     const PixelType type = write_options(plan_, job_, shape_, {}, file_.pictures.front().type).type;
     const std::size_t encoded = shape_.result_bytes / 4 * bytes_of(type);
     if (streamed) {
-      stage.working = path.ends_with(".exr") && type != PixelType::float32 ? std::min(encoded, 8 * MiB) : 0;
+      stage.working = path.ends_with(".exr") ? std::min(encoded, exr_buffers(bytes_of(type))) : 0;
     } else if (texture) {
       // A face at a time; for zlib all of level 0, and the room that it could need.
       stage.working = encoded / static_cast<std::size_t>(pictures_of(plan_));
@@ -151,6 +159,19 @@ class Stages {
       }
     }
     return stage;
+  }
+
+  // An EXR file's chunks are packed here, one more at a time than there are threads, each of at most 16 lines and in
+  // four buffers; or OpenEXR gets bands of some megabytes.
+  std::size_t exr_buffers(std::size_t element) const {
+    int width = 0;
+    for (const Size& face : shape_.faces) width = std::max(width, face.width);
+    if (const Result<PackedShape> packed = packed_shape(*o_.layout, *o_.packing, shape_.height)) {
+      width = std::max(width, packed->size.width);
+    }
+    const std::size_t chunk =
+        16 * static_cast<std::size_t>(width) * static_cast<std::size_t>(shape_.channels) * element;
+    return std::max(8 * MiB, 4 * chunk * (thread_count(o_.threads) + 1));
   }
 
   // Faces go into one image, and are given back on the way; but where the image has places without a face, its pixels

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "exr_chunk_reader.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include "decoder.h"
+#include "exr_zip.h"
+#include "row_kernels.h"
+
+namespace envconv {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);  // as the file
+
+Error damaged(const std::string& what) { return {ErrorCode::input, "truncated or damaged: " + what}; }
+
+Result<Ok> read_at(int fd, std::uint64_t position, std::span<std::uint8_t> to) {
+  while (!to.empty()) {
+    const ssize_t n = ::pread(fd, to.data(), to.size(), static_cast<off_t>(position));
+    if (n == 0) return damaged("unexpected end of file");
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return damaged(std::string("cannot be read: ") + std::strerror(errno));
+    to = to.subspan(static_cast<std::size_t>(n));
+    position += static_cast<std::uint64_t>(n);
+  }
+  return Ok{};
+}
+
+std::int32_t int_at(const std::uint8_t* bytes) {
+  std::int32_t value;
+  std::memcpy(&value, bytes, sizeof value);
+  return value;
+}
+
+// Bytes of a file one after another, as headers are read.
+class Cursor {
+ public:
+  Cursor(int fd, std::uint64_t size, std::uint64_t position) : fd_(fd), size_(size), position_(position) {}
+
+  std::uint64_t position() const { return position_; }
+  Result<Ok> skip(std::uint64_t count) {
+    if (count > size_ - std::min(position_, size_)) return damaged("unexpected end of file");
+    position_ += count;
+    return Ok{};
+  }
+  Result<std::uint8_t> byte() {
+    if (position_ < start_ || position_ >= start_ + filled_) {
+      if (position_ >= size_) return damaged("unexpected end of file");
+      start_ = position_;
+      filled_ = std::min<std::uint64_t>(sizeof buffer_, size_ - position_);
+      ENVCONV_CHECK(read_at(fd_, start_, std::span(buffer_).first(static_cast<std::size_t>(filled_))));
+    }
+    return buffer_[position_++ - start_];
+  }
+  // Bytes before a zero, which is skipped too.
+  Result<std::uint64_t> text() {
+    for (std::uint64_t length = 0;; ++length) {
+      ENVCONV_TRY(const std::uint8_t c, byte());
+      if (c == 0) return length;
+    }
+  }
+  Result<std::int32_t> integer() {
+    std::uint8_t bytes[4];
+    for (std::uint8_t& b : bytes) {
+      ENVCONV_TRY(b, byte());
+    }
+    return int_at(bytes);
+  }
+
+ private:
+  int fd_;
+  std::uint64_t size_, position_, start_ = 0, filled_ = 0;
+  std::uint8_t buffer_[4096];
+};
+
+constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the version
+
+std::uint64_t bytes_of_texel(const ChunkGrid& grid) {
+  std::uint64_t bytes = 0;
+  for (const ChunkChannel& channel : grid.channels) bytes += size_of(channel.type);
+  return bytes;
+}
+
+// Reads chunks one at a time.  One thread's.
+class ChunkReader {
+ public:
+  ChunkReader(const ChunkGrid& grid, const ChunkTarget& target)
+      : grid_(grid), target_(target), texel_(bytes_of_texel(grid)) {}
+
+  Result<Ok> read(std::int64_t number, std::uint64_t offset) {
+    const ChunkBlock block = grid_.block(number);
+    ENVCONV_TRY(const std::uint64_t size, read_head(block, offset));
+    bytes_.resize(static_cast<std::size_t>(texel_) * block.texels());
+    const std::uint64_t begin = offset + static_cast<std::uint64_t>(head_size());
+    // A chunk that would not get smaller is stored as it is.
+    if (size == bytes_.size()) {
+      ENVCONV_CHECK(read_at(grid_.fd, begin, bytes_));
+    } else {
+      if (size > bytes_.size() || !grid_.deflated) return damaged("a chunk of another size than its pixels");
+      packed_.resize(static_cast<std::size_t>(size));
+      ENVCONV_CHECK(read_at(grid_.fd, begin, packed_));
+      if (!codec_.unpack(packed_, bytes_)) return damaged("a chunk that does not unpack to its size");
+    }
+    place(block);
+    return Ok{};
+  }
+
+ private:
+  std::size_t head_size() const { return (grid_.multi_part ? 4u : 0u) + (grid_.tiled ? 20u : 8u); }
+
+  // Bytes of pixels that the chunk at that offset claims, once it is the one that is meant.
+  Result<std::uint64_t> read_head(const ChunkBlock& block, std::uint64_t offset) {
+    std::uint8_t head[24];
+    const std::size_t count = head_size();
+    if (offset < kFirstHeader || offset >= grid_.file_size) return damaged("a chunk outside of the file");
+    ENVCONV_CHECK(read_at(grid_.fd, offset, std::span(head).first(count)));
+    const std::uint8_t* at = head;
+    const auto next = [&at] { return int_at(std::exchange(at, at + 4)); };
+    bool right = !grid_.multi_part || next() == grid_.part;
+    if (grid_.tiled) {
+      right = next() == block.column && right;
+      right = next() == block.row && right;
+      right = next() == grid_.level && right;
+      right = next() == grid_.level && right;
+    } else {
+      right = next() == grid_.top + block.y && right;
+    }
+    if (!right) return damaged("a chunk that is not where the offset table says");
+    const std::int32_t size = next();
+    if (size < 0) return damaged("a chunk of negative size");
+    return static_cast<std::uint64_t>(size);
+  }
+
+  // Texels of the chunk that are the picture's.  A chunk is lines, each all of a channel and then all of the next.
+  void place(const ChunkBlock& block) {
+    const std::int64_t left = std::max(block.x, target_.x),
+                       right = std::min(block.x + block.width, target_.x + target_.width);
+    const std::int64_t top = std::max(block.y, target_.y),
+                       bottom = std::min(block.y + block.height, target_.y + target_.height);
+    if (left >= right) return;
+    const auto count = static_cast<std::size_t>(right - left), step = static_cast<std::size_t>(target_.channels);
+    values_.resize(count);
+    for (std::int64_t y = top; y < bottom; ++y) {
+      const std::uint8_t* line = bytes_.data() + static_cast<std::size_t>((y - block.y) * block.width) * texel_;
+      float* row =
+          target_.pixels + static_cast<std::size_t>((y - target_.y) * target_.width + (left - target_.x)) * step;
+      for (const ChunkChannel& channel : grid_.channels) {
+        const std::size_t element = size_of(channel.type);
+        if (channel.target >= 0) {
+          to_floats(line + static_cast<std::size_t>(left - block.x) * element, channel.type);
+          float* to = row + channel.target;
+          for (std::size_t i = 0; i < count; ++i) to[i * step] = values_[i];
+        }
+        line += static_cast<std::size_t>(block.width) * element;
+      }
+    }
+  }
+
+  // To values_, all of it.  Chunks align nothing.
+  void to_floats(const std::uint8_t* from, PixelType type) {
+    const std::size_t count = values_.size();
+    if (type == PixelType::float32) {
+      std::memcpy(values_.data(), from, count * 4);
+    } else if (type == PixelType::half) {
+      halves_.resize(count);
+      std::memcpy(halves_.data(), from, count * 2);
+      halves_to_floats(halves_.data(), count, values_.data());
+    } else {
+      for (std::size_t i = 0; i < count; ++i) {
+        std::uint32_t value;
+        std::memcpy(&value, from + 4 * i, sizeof value);
+        values_[i] = static_cast<float>(value);
+      }
+    }
+  }
+
+  const ChunkGrid& grid_;
+  const ChunkTarget& target_;
+  std::uint64_t texel_;
+  ZipCodec codec_;
+  std::vector<std::uint8_t> packed_, bytes_;
+  std::vector<std::uint16_t> halves_;
+  std::vector<float> values_;
+};
+
+// What threads share.
+class Queue {
+ public:
+  Queue(std::int64_t first, std::int64_t end) : next_(first), end_(end) {}
+
+  std::optional<std::int64_t> take() {
+    const std::int64_t number = next_++;
+    return number < end_ ? std::optional(number) : std::nullopt;
+  }
+  // Nothing more is taken.  Of several errors the one of the first chunk is told: those before it were taken earlier.
+  void fail(std::int64_t number, Error error) {
+    const std::lock_guard lock(mutex_);
+    next_ = end_;
+    if (number >= failed_) return;
+    failed_ = number;
+    error_ = std::move(error);
+  }
+  Result<Ok> result() const { return error_ ? Result<Ok>(*error_) : Result<Ok>(Ok{}); }
+
+ private:
+  std::atomic<std::int64_t> next_;
+  std::int64_t end_;
+  std::mutex mutex_;
+  std::int64_t failed_ = std::numeric_limits<std::int64_t>::max();
+  std::optional<Error> error_;
+};
+
+}  // namespace
+
+std::uint64_t ChunkGrid::largest_chunk() const {
+  const std::uint64_t texels = block(0).texels();
+  if (texels > std::uint64_t{1} << 31) return std::numeric_limits<std::uint64_t>::max();
+  return texels * bytes_of_texel(*this);
+}
+
+bool is_multi_part(int fd) {
+  std::uint8_t version[4] = {};
+  constexpr int kMultiPart = 0x10;  // in the second byte
+  return read_at(fd, 4, version).ok() && (version[1] & kMultiPart) != 0;
+}
+
+Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
+  const bool several = is_multi_part(fd);
+  Cursor cursor(fd, file_size, kFirstHeader);
+  for (;;) {
+    // A header: name, type, size and value of each attribute, and an empty name.
+    for (bool first = true;; first = false) {
+      ENVCONV_TRY(const std::uint64_t name, cursor.text());
+      if (name == 0) {
+        if (first || !several) return cursor.position();  // no header more
+        break;
+      }
+      ENVCONV_CHECK(cursor.text());
+      ENVCONV_TRY(const std::int32_t size, cursor.integer());
+      if (size < 0) return damaged("an attribute of negative size");
+      ENVCONV_CHECK(cursor.skip(static_cast<std::uint64_t>(size)));
+    }
+  }
+}
+
+Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads) {
+  const std::int64_t first_row = target.y / grid.block_height;
+  const std::int64_t end_row = (target.y + target.height - 1) / grid.block_height + 1;
+  const std::int64_t first = first_row * grid.columns(), end = end_row * grid.columns();
+  std::vector<std::uint64_t> offsets(static_cast<std::size_t>(end - first));
+  const std::uint64_t at = grid.table + static_cast<std::uint64_t>(first) * 8;
+  if (at > grid.file_size || (grid.file_size - at) / 8 < offsets.size()) return damaged("unexpected end of file");
+  ENVCONV_CHECK(read_at(grid.fd, at, {reinterpret_cast<std::uint8_t*>(offsets.data()), offsets.size() * 8}));
+  Queue queue(first, end);
+  const auto work = [&] {
+    std::int64_t number = first;
+    try {
+      ChunkReader reader(grid, target);
+      while (const auto taken = queue.take()) {
+        number = *taken;
+        const auto done = reader.read(number, offsets[static_cast<std::size_t>(number - first)]);
+        if (!done) queue.fail(number, done.error());
+      }
+    } catch (const std::bad_alloc&) {
+      queue.fail(number, {ErrorCode::limit, "not enough memory to decode it"});
+    }
+  };
+  std::vector<std::jthread> others;
+  try {
+    const std::int64_t wanted = std::min<std::int64_t>(threads, end - first) - 1;
+    for (std::int64_t i = 0; i < wanted; ++i) others.emplace_back(work);
+  } catch (const std::system_error&) {
+    // Fewer do as well.
+  }
+  work();
+  others.clear();
+  return queue.result();
+}
+
+}  // namespace envconv

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pixels of OpenEXR files from their chunks (OpenEXR's file layout, "Offset tables" and "Chunks"), for the compressions
+// that are ours: none, ZIPS and ZIP.  Internal: not installed.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "exr_chunks.h"
+#include "io.h"
+#include "result.h"
+
+namespace envconv {
+
+/// A channel as chunks have it.
+struct ChunkChannel {
+  PixelType type = PixelType::half;  ///< half, float32 or uint32
+  int target = -1;                   ///< its place among the picture's channels, or -1: not wanted
+};
+
+/// The chunks of one level of a part.
+struct ChunkGrid : BlockGrid {
+  int fd = -1;
+  std::uint64_t file_size = 0;
+  bool multi_part = false;  ///< chunks begin with the number of their part
+  int part = 0;
+  bool tiled = false;
+  bool deflated = false;
+  int level = 0;                       ///< of tiles
+  std::int64_t top = 0;                ///< y of the data window, by which chunks of lines are named
+  std::uint64_t table = 0;             ///< where the offsets of the level's chunks begin
+  std::vector<ChunkChannel> channels;  ///< all of the file's, in its order
+
+  /// Bytes of the largest chunk, unpacked; the largest number when it has more than 2^31 texels.
+  std::uint64_t largest_chunk() const;
+};
+
+/// A picture inside of the level's data window, or a band of its rows.
+struct ChunkTarget {
+  float* pixels = nullptr;  ///< [height][width][channels]
+  int width = 0, height = 0, channels = 0;
+  std::int64_t x = 0, y = 0;  ///< its first texel, from the data window's
+};
+
+/// Where the offset tables of all parts begin: the end of the headers.  Error: input, where an attribute would reach
+/// beyond the end of the file, for which OpenEXR would allocate memory before it found out.
+Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size);
+
+/// True when the file is of the kind whose chunks have part numbers.
+bool is_multi_part(int fd);
+
+/// Reads the chunks that the picture lies in, with so many threads.  Error: input, for a file that does not have the
+/// chunks where and as the table says, the same whatever the number of threads.  May throw std::bad_alloc.
+Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads);
+
+}  // namespace envconv

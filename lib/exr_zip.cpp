@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "exr_zip.h"
+
+#include <new>
+
+#include "row_kernels.h"
+
+namespace envconv {
+
+std::span<const std::uint8_t> ZipCodec::pack(std::span<const std::uint8_t> chunk, int level) {
+  if (!compressor_ || level_ != level) {
+    compressor_.reset(libdeflate_alloc_compressor(level));
+    if (!compressor_) throw std::bad_alloc();
+    level_ = level;
+  }
+  split_.resize(chunk.size());
+  packed_.resize(chunk.size());
+  split_bytes(chunk.data(), chunk.size(), split_.data());
+  // A chunk of its own size is one that is not deflated.
+  const std::size_t room = chunk.empty() ? 0 : chunk.size() - 1;
+  const std::size_t size =
+      libdeflate_zlib_compress(compressor_.get(), split_.data(), split_.size(), packed_.data(), room);
+  return size == 0 ? chunk : std::span<const std::uint8_t>(packed_.data(), size);
+}
+
+bool ZipCodec::unpack(std::span<const std::uint8_t> packed, std::span<std::uint8_t> chunk) {
+  if (!decompressor_) decompressor_.reset(libdeflate_alloc_decompressor());
+  if (!decompressor_) throw std::bad_alloc();
+  split_.resize(chunk.size());
+  // Without a place for the size made, fewer bytes are an error.
+  if (libdeflate_zlib_decompress(decompressor_.get(), packed.data(), packed.size(), split_.data(), split_.size(),
+                                 nullptr) != LIBDEFLATE_SUCCESS) {
+    return false;
+  }
+  join_bytes(split_.data(), split_.size(), chunk.data());
+  return true;
+}
+
+}  // namespace envconv
