@@ -44,14 +44,14 @@ struct Stage {
   std::size_t decoder = 0;  // in the process that decodes
 };
 
-// Reading, resampling, making levels and writing, one after the other.
+// Reading, resampling, making levels, writing and reading back, one after the other.
 class Stages {
  public:
   /// `in_files`: images lie in files, which take their whole room from beginning to end.
   Stages(const ConvertPlan& plan, const Job& job, const Shape& shape, const PictureFile& file, bool in_files)
       : plan_(plan), o_(plan.options), job_(job), shape_(shape), file_(file), in_files_(in_files) {}
 
-  std::vector<Stage> all() const { return {reading(), resampling(), making_levels(), writing()}; }
+  std::vector<Stage> all() const { return {reading(), resampling(), making_levels(), writing(), verifying()}; }
 
  private:
   // Into memory: the decoder's memory becomes the image's, and what is not float and linear already is made so and
@@ -122,6 +122,11 @@ class Stages {
     return {shape_.result_bytes + bytes.images + bytes.seams, bytes.working, 0};
   }
 
+  // Written and read back without a copy of the picture as it is stored.
+  static bool is_streamed(std::string_view path) {
+    return path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
+  }
+
   Stage writing() const {
     Stage stage;
     const LevelBytes levels = level_bytes(o_.levels, level_place(plan_, job_), shape_.height, shape_.channels);
@@ -131,10 +136,9 @@ class Stages {
     if (job_.paths.empty()) return stage;
     const std::string_view path = job_.paths.front();
     const bool texture = holds_faces(std::string(path));
-    const bool streamed = path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
     const PixelType type = write_options(plan_, job_, shape_, {}, file_.pictures.front().type).type;
     const std::size_t encoded = shape_.result_bytes / 4 * bytes_of(type);
-    if (streamed) {
+    if (is_streamed(path)) {
       stage.working = path.ends_with(".exr") ? std::min(encoded, exr_buffers(bytes_of(type))) : 0;
     } else if (texture) {
       // A face at a time; for zlib all of level 0, and the room that it could need.
@@ -149,14 +153,25 @@ class Stages {
       const std::size_t elements = type == PixelType::float32 ? 0 : encoded;
       stage.working = image_library + (o_.packing->name == "files" ? elements / shape_.faces.size() : elements);
     }
-    if (o_.write.verify) {
-      stage.images += shape_.result_bytes;
+    return stage;
+  }
+
+  // All that was written, and a level of it as it is read back.
+  Stage verifying() const {
+    if (!o_.write.verify || job_.paths.empty()) return {};
+    const LevelBytes levels = level_bytes(o_.levels, level_place(plan_, job_), shape_.height, shape_.channels);
+    const std::size_t written = std::max(packed_bytes(), shape_.result_bytes + levels.gutters);
+    Stage stage{levels.images + 2 * written, MiB, 0};
+    const std::string_view path = job_.paths.front();
+    const PixelType type = write_options(plan_, job_, shape_, {}, file_.pictures.front().type).type;
+    const std::size_t encoded = shape_.result_bytes / 4 * bytes_of(type);
+    if (holds_faces(std::string(path))) {
       // What is not read in bands: a face, or all that was compressed together.
-      if (texture && o_.write.compression.empty()) {
-        stage.working = std::max(stage.working, encoded / static_cast<std::size_t>(pictures_of(plan_)));
-      } else if (!streamed) {
-        stage.working = std::max(stage.working, encoded + 16 * MiB);
-      }
+      const bool apart = o_.write.compression.empty();
+      stage.working = apart ? encoded / static_cast<std::size_t>(pictures_of(plan_)) : encoded + 16 * MiB;
+    } else if (!is_streamed(path)) {
+      stage.working = image_library + std::min(encoded, 17 * MiB);
+      stage.decoder = image_library + 2 * encoded;
     }
     return stage;
   }
@@ -174,15 +189,20 @@ class Stages {
     return std::max(8 * MiB, 4 * chunk * (thread_count(o_.threads) + 1));
   }
 
+  // Of the image that faces go into; 0: there is none.
+  std::size_t packed_bytes() const {
+    if (shape_.faces.size() == 1 || o_.packing->name == "files" || o_.packing->name == "parts") return 0;
+    const Result<PackedShape> packed = packed_shape(*o_.layout, *o_.packing, shape_.height);
+    if (!packed) return shape_.result_bytes;
+    return static_cast<std::size_t>(packed->size.width) * static_cast<std::size_t>(packed->size.height) *
+           static_cast<std::size_t>(shape_.channels) * sizeof(float);
+  }
+
   // Faces go into one image, and are given back on the way; but where the image has places without a face, its pixels
   // are all there at once.
   std::size_t packing(const LevelBytes& levels) const {
-    if (shape_.faces.size() == 1 || o_.packing->name == "files" || o_.packing->name == "parts") return 0;
-    const Result<PackedShape> packed = packed_shape(*o_.layout, *o_.packing, shape_.height);
-    const std::size_t one = shape_.result_bytes + levels.gutters;
-    if (!packed) return one;
-    const auto texels = static_cast<std::size_t>(packed->size.width) * static_cast<std::size_t>(packed->size.height);
-    const std::size_t all = texels * static_cast<std::size_t>(shape_.channels) * sizeof(float);
+    const std::size_t all = packed_bytes(), one = shape_.result_bytes + levels.gutters;
+    if (all == 0) return 0;
     return in_files_ || all > shape_.result_bytes ? std::max(all, one) : std::min(one, 4 * MiB * shape_.faces.size());
   }
 
