@@ -242,18 +242,37 @@ void Source::copy_highlights(const std::vector<Orphan>& orphans) {
   for (const Highlights::Copy& c : highlights_.copies)
     block_at(c.face, c.x, c.y, true)->repeats[Highlights::place(c.x, c.y)] = true;
   repeat_highlights();
-  // A bilinear read at texel x takes x and x + 1: blocks from which an excess can be met.
+  mark_highlights();
+}
+
+// Where reads meet highlights: by texel for bilinear ones, which take texels x and x + 1, and by block for wider ones,
+// which reach no further than the next block.
+void Source::mark_highlights() {
   constexpr int side = Highlights::side;
-  for (const SourceFace& s : faces_) {
-    const int across = s.blocks, down = (s.rows + side - 1) / side;
-    for (int y = 0; y < down; ++y)
-      for (int x = 0; x < across; ++x)
-        for (int k = 0; k < 4; ++k) {
-          const int xx = std::min(x + (k & 1), across - 1), yy = std::min(y + (k >> 1), down - 1);
-          if (highlights_.index[static_cast<std::size_t>(s.first_block + yy * across + xx)] >= 0)
-            highlights_.reachable[static_cast<std::size_t>(s.first_block + y * across + x)] = 1;
+  static_assert(most_taps <= side);
+  for (const SourceFace& s : faces_)
+    for (int by = 0; by < s.rows; by += side)
+      for (int bx = 0; bx < s.columns; bx += side) {
+        const Highlights::Block* block = highlights_.block_at(s, bx, by);
+        if (!block) continue;
+        for (int y = std::max(by - side, 0); y < std::min(by + 2 * side, s.rows); y += side)
+          for (int x = std::max(bx - side, 0); x < std::min(bx + 2 * side, s.columns); x += side)
+            highlights_.touched[Highlights::block_number(s, x, y)] = 1;
+        for (int k = 0; k < side * side; ++k) {
+          const float* e = block->excess[k];
+          if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+          for (int y = std::max(by + k / side - 1, 0); y <= by + k / side; ++y)
+            for (int x = std::max(bx + k % side - 1, 0); x <= bx + k % side; ++x) {
+              std::int32_t& index = highlights_.mask_index[Highlights::block_number(s, x, y)];
+              if (index < 0) {
+                index = static_cast<std::int32_t>(highlights_.masks.size());
+                highlights_.masks.push_back({});
+              }
+              highlights_.masks[static_cast<std::size_t>(index)].rows[y % side] |=
+                  static_cast<std::uint16_t>(1u << (x % side));
+            }
         }
-  }
+      }
 }
 
 void Source::repeat_highlights() {

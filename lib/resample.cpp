@@ -61,8 +61,17 @@ constexpr int sliver_samples = 24;              // samples a side where highligh
 
 struct Tile {
   int face, x0, y0, width, height;
-  bool slivers = false;     // holds highlights that need dense sampling
-  bool highlights = false;  // met highlights in the first pass
+  bool slivers = false;  // holds highlights that need dense sampling
+};
+
+// The part of a tile that met highlights, in texels of the face.
+struct Met {
+  int left = 1 << 30, top = 1 << 30, right = -1, bottom = -1;  // right and bottom: one past the last
+  bool any() const { return right > left; }
+  void add(int x, int y) {
+    left = std::min(left, x), top = std::min(top, y);
+    right = std::max(right, x + 1), bottom = std::max(bottom, y + 1);
+  }
 };
 
 // Density relative to neighbours, and the number of samples, over one tile.
@@ -182,11 +191,13 @@ class Resampler {
         for (int x = 0; x < face.width(); x += tile_side_)
           tiles_.push_back({f, x, y, std::min(tile_side_, face.width() - x), std::min(tile_side_, face.height() - y)});
     }
+    met_.resize(tiles_.size());
   }
 
   // Tiles of the output that see a highlight on a sliver, or are one texel away from seeing it.
   void mark_slivers(const Source& source, const EnvImage& out) {
-    for (Tile& t : tiles_) t.slivers = t.highlights = false;
+    for (Tile& t : tiles_) t.slivers = false;
+    std::ranges::fill(met_, Met{});
     if (source.highlights().slivers.empty()) return;
     std::vector<std::size_t> first;  // index of each face's first tile
     for (std::size_t i = 0; i < tiles_.size(); ++i)
@@ -217,7 +228,7 @@ class Resampler {
     std::atomic<std::size_t> done{0};
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
       if (stopped_) return;
-      first_pass(source, *workspaces.local(), tiles_[i], out, first_channel);
+      first_pass(source, *workspaces.local(), tiles_[i], met_[i], out, first_channel);
       if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
                                                                     static_cast<double>(tiles_.size())))
         stopped_ = true;
@@ -225,7 +236,7 @@ class Resampler {
     if (!source.highlights().any() || stopped_) return;
     const std::vector<StrandedEnergy> stranded = source.conserve_highlights();
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
-      if (tiles_[i].highlights) second_pass(source, *workspaces.local(), tiles_[i], out, first_channel);
+      if (met_[i].any()) second_pass(source, *workspaces.local(), tiles_[i], met_[i], out, first_channel);
     });
     for (const StrandedEnergy& e : stranded) deposit(e, out, first_channel);
   }
@@ -415,14 +426,13 @@ class Resampler {
     }
   }
 
-  // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when a highlight is met: those
-  // are received with positive weights only.
-  bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, const GridQuadrature& qu,
-                 const GridQuadrature& qv, EnvImage& out, int first_channel) {
+  // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when Kernel::drooping, which
+  // reads the source as it is, met a highlight: the base that is left of these is in the prefiltered blocks.
+  bool grid_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& plan, Kernel kernel,
+                 const GridQuadrature& qu, const GridQuadrature& qv, Met& met, EnvImage& out, int first_channel) {
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const Highlights& highlights = source.highlights();
     const bool even = out.layout->info().equal_area;
-    const Kernel kernel = plan.least >= direct_ratio ? Kernel::drooping : Kernel::band_limited;
     const bool apart = source.channels() == 4;  // three channels leave a float for the density
     const int nu = qu.samples(tile.width), nv = qv.samples(tile.height), ring = qv.taps;
     const auto padded = (static_cast<std::size_t>(nu) + 15) / 16 * 16;
@@ -450,10 +460,17 @@ class Resampler {
       out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
       find_windows(source, kernel, w, nu);
       if (highlights.any()) {
-        for (int s = 0; s < nu; ++s) {
-          const Place p = place_of(w.windows, s);
-          if (highlights.reach(source.faces()[static_cast<std::size_t>(w.face[s])], p.x, p.y)) return false;
-        }
+        if (kernel == Kernel::drooping)
+          for (int s = 0; s < nu; ++s)
+            if (highlights.touch(source.faces()[static_cast<std::size_t>(w.face[s])], w.windows.x[s], w.windows.y[s]))
+              return false;
+        const int j = static_cast<int>(std::floor(y));
+        for_each_near_highlight(source, w, nu, [&](int s) {
+          const int i = static_cast<int>(std::floor(first_u + s * step_u + 0.5));
+          // With two texels around: between samples there are others.
+          for (const int d : {-2, 2})
+            met.add(tile.x0 + std::clamp(i + d, 0, tile.width - 1), tile.y0 + std::clamp(j + d, 0, tile.height - 1));
+        });
       }
       point(source, kernel, w, nu);
       const auto slot = static_cast<std::size_t>(row % ring);
@@ -485,6 +502,46 @@ class Resampler {
     return true;
   }
 
+  // visit(s) for every sample that reads an excess.  Neighbours mostly share a block.
+  template <class Visit>
+  static void for_each_near_highlight(const Source& source, const Workspace& w, int n, const Visit& visit) {
+    constexpr int side = Highlights::side;
+    int block_x = -1, block_y = -1;
+    float face = -1;
+    const Highlights::Mask* mask = nullptr;
+    for (int s = 0; s < n; ++s) {
+      const Place p = place_of(w.windows, s);
+      if (p.x / side != block_x || p.y / side != block_y || w.face[s] != face) {
+        block_x = p.x / side, block_y = p.y / side, face = w.face[s];
+        mask = source.highlights().mask_at(source.faces()[static_cast<std::size_t>(face)], p.x, p.y);
+      }
+      if (mask && (mask->rows[p.y % side] >> (p.x % side) & 1)) visit(s);
+    }
+  }
+
+  // The texels that a bilinear read takes, and their blocks; absent ones are nullptr.  Samples in a row mostly share
+  // them.
+  template <class Block>
+  struct Quad {
+    float face = -1;
+    int x = 0, y = 0;
+    Block* block[4] = {};
+    int texel[4] = {};
+
+    bool is_at(float f, const Place& p) const { return f == face && p.x == x && p.y == y; }
+    template <class AnyHighlights>
+    void move(AnyHighlights& highlights, const SourceFace& source_face, float f, const Place& p) {
+      face = f, x = p.x, y = p.y;
+      for (int k = 0; k < 4; ++k) {
+        const int xx = x + (k & 1), yy = y + (k >> 1);
+        const std::int32_t index = highlights.index[Highlights::block_number(source_face, xx, yy)];
+        block[k] = index < 0 ? nullptr : &highlights.blocks[static_cast<std::size_t>(index)];
+        texel[k] = Highlights::place(xx, yy);
+      }
+    }
+    static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
+  };
+
   static void combine_densities(const GridQuadrature& q, int n, const float* in, float* out) {
     for (int i = 0; i < n; ++i) {
       const auto phase = static_cast<std::size_t>(i % q.texels);
@@ -513,7 +570,7 @@ class Resampler {
   // Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
   // face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
   template <class Visit>
-  void sample_row(const Source& source, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
+  void sample_row(const Source& source, Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
                   const Quadrature& qv, const EnvImage& out, int j, Workspace& w, const Visit& visit) const {
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const int n = tile.width;
@@ -586,7 +643,7 @@ class Resampler {
         const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
         ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
         out.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-        find_windows(source, filter_.kernel, w, count);
+        find_windows(source, kernel, w, count);
         visit(count);
       }
     }
@@ -682,81 +739,137 @@ class Resampler {
     return *q;
   }
 
-  void first_pass(Source& source, Workspace& w, Tile& tile, EnvImage& out, int first_channel) {
+  void first_pass(Source& source, Workspace& w, const Tile& tile, Met& met, EnvImage& out, int first_channel) {
     const TilePlan tile_plan = plan(source, tile, out);
     if (w.blocks) w.blocks->next_tile();
     if (filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers) {
-      const Kernel kernel = tile_plan.least >= direct_ratio ? Kernel::drooping : Kernel::band_limited;
-      const std::optional<GridQuadrature> u = grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
-      const std::optional<GridQuadrature> v = grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
-      if (u && v && grid_pass(source, w, tile, tile_plan, *u, *v, out, first_channel)) return;
+      const bool wide = tile_plan.least >= direct_ratio;
+      if ((wide && on_grid(source, w, tile, tile_plan, Kernel::drooping, met, out, first_channel)) ||
+          on_grid(source, w, tile, tile_plan, Kernel::band_limited, met, out, first_channel)) {
+        if (met.any()) receive(source, w, tile, met, out);
+        return;
+      }
     }
     if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && out.layout->info().domain != Domain::disc)
       return point_pass(source, w, tile, out, first_channel);
+    texel_pass(source, w, tile, tile_plan, out, first_channel);
+    if (!source.highlights().any()) return;
+    met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
+    receive(source, w, tile, met, out);
+  }
+
+  bool on_grid(const Source& source, Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met,
+               EnvImage& out, int first_channel) {
+    const std::optional<GridQuadrature> u = grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
+    const std::optional<GridQuadrature> v = grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
+    return u && v && grid_pass(source, w, tile, tile_plan, kernel, *u, *v, met, out, first_channel);
+  }
+
+  // Samples every texel for itself, with positive weights.
+  void texel_pass(const Source& source, Workspace& w, const Tile& tile, const TilePlan& tile_plan, EnvImage& out,
+                  int first_channel) {
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-    Highlights& highlights = source.highlights();
-    std::vector<double> omega;  // of the tile's texels, once a highlight is met
     for (int j = 0; j < tile.height; ++j) {
       // A texel on a singular point may take millions of samples: batches are added up in double.
       double sum[largest_tile][4] = {};
-      sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
+      sample_row(source, filter_.kernel, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
         point(source, filter_.kernel, w, count);
         sum_windows(filter_.kernel, source.channels(), count, w.windows, w.weight, w.samples);
         std::fill_n(w.row, 4 * tile.width, 0.0f);
         for (int s = 0; s < count; s += tile.width)
           for (int i = 0; i < 4 * tile.width; ++i) w.row[i] += w.samples[4 * s + i];
         for (int i = 0; i < 4 * tile.width; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
-        if (!highlights.any()) return;
-        for (int s = 0; s < count; ++s) {
-          const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
-          const Place p = place_of(w.windows, s);
-          if (!highlights.reach(f, p.x, p.y)) continue;
-          tile.highlights = true;
-          if (omega.empty()) {
-            omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
-            texel_solid_angles(*out.layout, tile.face, {face.width(), face.height()}, out.placement, tile.x0, tile.y0,
-                               tile.width, tile.height, omega.data());
-          }
-          const int i = s % tile.width;
-          const double share = omega[static_cast<std::size_t>(j * tile.width + i)] *
-                               static_cast<double>(w.weight[s] / w.total[i]) / Highlights::received_unit;
-          ENVCONV_ASSERT(share >= 0);
-          for_each_highlight_tap(highlights, f, p.x, p.y, p.fx, p.fy,
-                                 [&](Highlights::Block& block, int texel, float weight) {
-                                   const float* e = block.excess[texel];
-                                   if (e[0] == 0 && e[1] == 0 && e[2] == 0) return;
-                                   std::atomic_ref<std::uint64_t>(block.received[texel])
-                                       .fetch_add(static_cast<std::uint64_t>(share * static_cast<double>(weight)),
-                                                  std::memory_order_relaxed);
-                                 });
-        }
       });
       for (int i = 0; i < 4 * tile.width; ++i) w.row[i] = static_cast<float>(sum[i / 4][i % 4]);
       store_row(source, w, tile, j, face, first_channel);
     }
   }
 
-  void second_pass(Source& source, Workspace& w, const Tile& tile, EnvImage& out, int first_channel) {
+  static Tile part_of(const Tile& tile, const Met& met) {
+    return {tile.face, met.left, met.top, met.right - met.left, met.bottom - met.top, tile.slivers};
+  }
+
+  // Counts what the texels that met highlights receive of them.
+  void receive(Source& source, Workspace& w, const Tile& whole, Met& met, const EnvImage& out) {
+    const Tile tile = part_of(whole, met);
+    const TilePlan tile_plan = plan(source, tile, out);
+    const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
+    const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+    Highlights& highlights = source.highlights();
+    std::vector<double> omega;  // of the texels, once a highlight is met
+    Quad<Highlights::Block> quad;
+    std::uint64_t received[4] = {};  // by its texels, so far
+    const auto flush = [&] {
+      for (int k = 0; k < 4; ++k) {
+        if (quad.block[k] && received[k] > 0) {
+          const float* e = quad.block[k]->excess[quad.texel[k]];
+          if (e[0] != 0 || e[1] != 0 || e[2] != 0)
+            std::atomic_ref<std::uint64_t>(quad.block[k]->received[quad.texel[k]])
+                .fetch_add(received[k], std::memory_order_relaxed);
+        }
+        received[k] = 0;
+      }
+    };
+    for (int j = 0; j < tile.height; ++j) {
+      double scale[largest_tile];  // of weights to units of what is received; negative: not known yet
+      std::fill_n(scale, tile.width, -1.0);
+      sample_row(source, Kernel::bilinear, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
+        for_each_near_highlight(source, w, count, [&](int s) {
+          if (omega.empty()) {
+            omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
+            texel_solid_angles(*out.layout, tile.face, {face.width(), face.height()}, out.placement, tile.x0, tile.y0,
+                               tile.width, tile.height, omega.data());
+          }
+          const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
+          const Place p = place_of(w.windows, s);
+          const int i = s % tile.width;
+          if (!(scale[i] >= 0))
+            scale[i] = omega[static_cast<std::size_t>(j * tile.width + i)] /
+                       (static_cast<double>(w.total[i]) * Highlights::received_unit);
+          const double share = scale[i] * static_cast<double>(w.weight[s]);
+          ENVCONV_ASSERT(share >= 0);
+          if (!quad.is_at(w.face[s], p)) {
+            flush();
+            quad.move(highlights, f, w.face[s], p);
+          }
+          for (int k = 0; k < 4; ++k)
+            received[k] +=
+                static_cast<std::uint64_t>(share * static_cast<double>(Quad<Highlights::Block>::weight(k, p)));
+        });
+      });
+    }
+    flush();
+    if (omega.empty()) met = {};
+  }
+
+  // Adds the highlights to the texels that met them.
+  void second_pass(const Source& source, Workspace& w, const Tile& whole, const Met& met, EnvImage& out,
+                   int first_channel) {
+    const Tile tile = part_of(whole, met);
     const TilePlan tile_plan = plan(source, tile, out);
     const Quadrature &qu = nodes(tile_plan.ku), &qv = nodes(tile_plan.kv);
     Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     const int channels = std::min(4, source_.channels.count() - first_channel);
-    Highlights& highlights = source.highlights();
+    const Highlights& highlights = source.highlights();
+    Quad<const Highlights::Block> quad;
     for (int j = 0; j < tile.height; ++j) {
       double sum[largest_tile][4] = {};
-      sample_row(source, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
-        for (int s = 0; s < count; ++s) {
+      sample_row(source, Kernel::bilinear, tile, tile_plan, qu, qv, out, j, w, [&](int count) {
+        for_each_near_highlight(source, w, count, [&](int s) {
           const SourceFace& f = source.faces()[static_cast<std::size_t>(w.face[s])];
           const Place p = place_of(w.windows, s);
-          if (!highlights.reach(f, p.x, p.y)) continue;
+          if (!quad.is_at(w.face[s], p)) quad.move(highlights, f, w.face[s], p);
+          float value[4] = {};
+          for (int k = 0; k < 4; ++k) {
+            if (!quad.block[k]) continue;
+            const float weight = w.weight[s] * Quad<const Highlights::Block>::weight(k, p);
+            const float* excess = quad.block[k]->excess[quad.texel[k]];
+            for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
+          }
           double* to = sum[s % tile.width];
-          for_each_highlight_tap(
-              highlights, f, p.x, p.y, p.fx, p.fy, [&](const Highlights::Block& block, int texel, float weight) {
-                for (int c = 0; c < 4; ++c)
-                  to[c] += static_cast<double>(w.weight[s] * weight) * static_cast<double>(block.excess[texel][c]);
-              });
-        }
+          for (int c = 0; c < 4; ++c) to[c] += static_cast<double>(value[c]);
+        });
       });
       float* to = face.at(tile.x0, tile.y0 + j) + first_channel;
       for (int i = 0; i < tile.width; ++i, to += source_.channels.count())
@@ -770,6 +883,7 @@ class Resampler {
   Mat3 source_from_out_;
   float matrix_[9];
   std::vector<Tile> tiles_;
+  std::vector<Met> met_;  // by tile
   int tile_side_ = largest_tile;
   std::map<int, std::unique_ptr<Quadrature>> quadratures_;
   std::map<std::array<int, 5>, std::unique_ptr<GridQuadrature>> grids_;

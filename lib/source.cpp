@@ -106,7 +106,8 @@ void Source::place_faces(const EnvImage& image) {
     faces_.push_back(s);
   }
   highlights_.index.assign(static_cast<std::size_t>(blocks), -1);
-  highlights_.reachable.assign(static_cast<std::size_t>(blocks), 0);
+  highlights_.touched.assign(static_cast<std::size_t>(blocks), 0);
+  highlights_.mask_index.assign(static_cast<std::size_t>(blocks), -1);
 }
 
 // Three or four channels are read where they are, unless the layout has texels to be adopted inside its faces.

@@ -64,8 +64,15 @@ struct Highlights {
     std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
   };
   std::vector<std::int32_t> index;  ///< [first_block + by * blocks + bx]: block number, or -1
-  std::vector<std::uint8_t>
-      reachable;  ///< the same: 1 where a bilinear read at a texel of the block may meet an excess
+  /// The same: 1 where a window of any kernel about a texel of the block may hold an excess.
+  std::vector<std::uint8_t> touched;
+  /// The same: number of the block's mask, or -1 where no bilinear read meets an excess.
+  std::vector<std::int32_t> mask_index;
+  /// Bit x of row y is set where a bilinear read at that texel of the block meets one.
+  struct Mask {
+    std::uint16_t rows[side];
+  };
+  std::vector<Mask> masks;
   std::vector<Block> blocks;
   /// A texel outside its owner's face that repeats owners' excess: where from.
   struct Copy {
@@ -81,15 +88,26 @@ struct Highlights {
   static constexpr int place(int x, int y) { return y % side * side + x % side; }
   /// The block of a padded texel, or nullptr.
   const Block* block_at(const SourceFace& face, int x, int y) const {
-    ENVCONV_ASSERT(x >= 0 && x < face.columns && y >= 0 && y < face.rows);
-    const std::int32_t i = index[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)];
+    const std::int32_t i = index[block_number(face, x, y)];
     return i < 0 ? nullptr : &blocks[static_cast<std::size_t>(i)];
   }
-  /// True when a bilinear read at padded texel (x, y) may meet a highlight.
-  bool reach(const SourceFace& face, int x, int y) const {
+  /// Of all the arrays by block: the one of padded texel (x, y).
+  static std::size_t block_number(const SourceFace& face, int x, int y) {
     ENVCONV_ASSERT(x >= 0 && x < face.columns && y >= 0 && y < face.rows);
-    return reachable[static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side)] != 0;
+    return static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side);
   }
+  /// The mask of the block of padded texel (x, y), or nullptr.
+  const Mask* mask_at(const SourceFace& face, int x, int y) const {
+    const std::int32_t i = mask_index[block_number(face, x, y)];
+    return i < 0 ? nullptr : &masks[static_cast<std::size_t>(i)];
+  }
+  /// True when a bilinear read at padded texel (x, y) meets a highlight.
+  bool reach(const SourceFace& face, int x, int y) const {
+    const Mask* mask = mask_at(face, x, y);
+    return mask && (mask->rows[y % side] >> (x % side) & 1) != 0;
+  }
+  /// True when a window of any kernel about it may.
+  bool touch(const SourceFace& face, int x, int y) const { return touched[block_number(face, x, y)] != 0; }
 };
 
 /// The radiance times solid angle of a highlight that fell between samples, and where it is (layout's axes).
@@ -176,6 +194,7 @@ class Source {
   void adopt(const std::vector<Orphan>& orphans);
   void copy_highlights(const std::vector<Orphan>& orphans);
   void repeat_highlights();
+  void mark_highlights();
   bool in_face(const SourceFace& face, int x, int y) const {
     return x >= apron_ && x < apron_ + face.size.width && y >= apron_ && y < apron_ + face.size.height;
   }
