@@ -24,7 +24,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -37,210 +36,12 @@
 
 #include "exr.h"
 #include "imageio_loader.h"
+#include "isolated_messages.h"
 
 namespace envconv {
 namespace {
 
-constexpr std::size_t kMaxMessage = 128 * 1024;  // below the usual limit of a socket's buffer
-constexpr int kOpenSeconds = 20;                 // to understand a header
-
-// --- messages ------------------------------------------------------------------------------------------------------
-
-enum class Kind : std::uint32_t { request, spec, failure, go, window, rows, done, death };
-constexpr std::int64_t kKinds = 8;
-
-class Writer {
- public:
-  explicit Writer(Kind kind) { number(static_cast<std::int64_t>(kind)); }
-  void number(std::int64_t v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
-  void real(float v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
-  void text(const std::string& v) {
-    number(static_cast<std::int64_t>(v.size()));
-    bytes_ += v;
-  }
-  const std::string& bytes() const { return bytes_; }
-
- private:
-  std::string bytes_;
-};
-
-// Reads what another process wrote, which may be anything: a missing or senseless item makes good() false for ever.
-class Reader {
- public:
-  explicit Reader(std::string bytes) : bytes_(std::move(bytes)) {}
-  std::int64_t number(std::int64_t low, std::int64_t high) {
-    std::int64_t v = low;
-    take(&v, sizeof v);
-    if (v < low || v > high) good_ = false;
-    return good_ ? v : low;
-  }
-  float real() {
-    float v = 0;
-    take(&v, sizeof v);
-    return v;
-  }
-  std::string text(std::size_t limit) {
-    const auto size = static_cast<std::size_t>(number(0, static_cast<std::int64_t>(limit)));
-    if (!good_ || size > bytes_.size() - at_) {
-      good_ = false;
-      return {};
-    }
-    at_ += size;
-    return bytes_.substr(at_ - size, size);
-  }
-  bool good() const { return good_; }
-
- private:
-  void take(void* to, std::size_t size) {
-    if (!good_ || size > bytes_.size() - at_) {
-      good_ = false;
-      return;
-    }
-    std::memcpy(to, bytes_.data() + at_, size);
-    at_ += size;
-  }
-  std::string bytes_;
-  std::size_t at_ = 0;
-  bool good_ = true;
-};
-
-bool send_message(int socket, const std::string& bytes, std::vector<int> fds = {}) {
-  iovec part{const_cast<char*>(bytes.data()), bytes.size()};
-  alignas(cmsghdr) char control[CMSG_SPACE(2 * sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  if (!fds.empty()) {
-    message.msg_control = control;
-    message.msg_controllen = CMSG_SPACE(fds.size() * sizeof(int));
-    cmsghdr* header = CMSG_FIRSTHDR(&message);
-    header->cmsg_level = SOL_SOCKET;
-    header->cmsg_type = SCM_RIGHTS;
-    header->cmsg_len = CMSG_LEN(fds.size() * sizeof(int));
-    std::memcpy(CMSG_DATA(header), fds.data(), fds.size() * sizeof(int));
-  }
-  ssize_t sent;
-  do {
-    sent = ::sendmsg(socket, &message, MSG_NOSIGNAL);
-  } while (sent < 0 && errno == EINTR);
-  return sent == static_cast<ssize_t>(bytes.size());
-}
-
-// False at the end, or on an error.  Descriptors that came along are the caller's.
-bool receive_message(int socket, std::string& bytes, std::vector<int>& fds) {
-  bytes.resize(kMaxMessage);
-  fds.clear();
-  iovec part{bytes.data(), bytes.size()};
-  alignas(cmsghdr) char control[CMSG_SPACE(4 * sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  message.msg_controllen = sizeof control;
-  ssize_t got;
-  do {
-    got = ::recvmsg(socket, &message, MSG_CMSG_CLOEXEC);
-  } while (got < 0 && errno == EINTR);
-  for (cmsghdr* header = CMSG_FIRSTHDR(&message); got >= 0 && header; header = CMSG_NXTHDR(&message, header)) {
-    if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS) continue;
-    const std::size_t count = (header->cmsg_len - CMSG_LEN(0)) / sizeof(int);
-    for (std::size_t i = 0; i < count; ++i) {
-      int fd;
-      std::memcpy(&fd, CMSG_DATA(header) + i * sizeof(int), sizeof fd);
-      fds.push_back(fd);
-    }
-  }
-  if (got <= 0 || (message.msg_flags & MSG_TRUNC)) return false;
-  bytes.resize(static_cast<std::size_t>(got));
-  return true;
-}
-
-std::string pack(const FileSpec& spec) {
-  Writer w(Kind::spec);
-  w.text(spec.compression);
-  w.number(static_cast<int>(spec.transfer));
-  w.real(spec.gamma);
-  w.number(spec.primaries.has_value());
-  for (const double v : chromaticity_values(spec.primaries.value_or(Chromaticities{}))) w.real(static_cast<float>(v));
-  w.text(spec.color_how);
-  w.number(spec.unassociated);
-  w.number(spec.orientation);
-  w.number(spec.levels);
-  w.number(static_cast<std::int64_t>(spec.pictures.size()));
-  for (const PictureSpec& picture : spec.pictures) {
-    w.text(picture.name);
-    w.number(picture.width);
-    w.number(picture.height);
-    w.number(picture.channels.count());
-    for (const std::string& name : picture.channels.names) w.text(name);
-    w.number(picture.channels.alpha);
-    w.number(static_cast<int>(picture.type));
-    w.number(static_cast<int>(picture.element));
-    w.number(picture.band);
-  }
-  w.number(static_cast<std::int64_t>(spec.metadata.size()));
-  for (const auto& [name, value] : spec.metadata) {
-    w.text(name);
-    w.text(value);
-  }
-  w.number(static_cast<std::int64_t>(spec.warnings.size()));
-  for (const std::string& warning : spec.warnings) w.text(warning);
-  return w.bytes();
-}
-
-// The kind was read already.
-bool unpack(Reader& r, FileSpec& spec) {
-  constexpr std::size_t kText = 4096;
-  constexpr std::int64_t kSize = 0x7FFFFFFF;
-  spec.compression = printable(r.text(kText));
-  spec.transfer = static_cast<Transfer>(r.number(0, 3));
-  spec.gamma = r.real();
-  if (!(spec.gamma > 0.01f && spec.gamma < 100.f)) spec.gamma = 1;
-  const bool has_primaries = r.number(0, 1) != 0;
-  std::array<double, 8> chromaticities{};
-  for (double& v : chromaticities) v = static_cast<double>(r.real());
-  if (has_primaries) spec.primaries = usable_primaries(chromaticities);
-  spec.color_how = printable(r.text(kText));
-  spec.unassociated = r.number(0, 1) != 0;
-  spec.orientation = static_cast<int>(r.number(1, 8));
-  spec.levels = static_cast<int>(r.number(1, 64));
-  const auto pictures = r.number(1, kMaxPictures);
-  for (std::int64_t i = 0; i < pictures && r.good(); ++i) {
-    PictureSpec picture;
-    picture.name = r.text(kText);
-    picture.width = static_cast<int>(r.number(1, kSize));
-    picture.height = static_cast<int>(r.number(1, kSize));
-    const auto channels = r.number(1, kMaxChannels);
-    for (std::int64_t c = 0; c < channels && r.good(); ++c) picture.channels.names.push_back(r.text(kText));
-    picture.channels.alpha = static_cast<int>(r.number(-1, channels - 1));
-    picture.type = static_cast<PixelType>(r.number(0, static_cast<int>(PixelType::bc6h)));
-    picture.element = static_cast<PixelType>(r.number(0, 4));
-    picture.band = static_cast<int>(r.number(0, picture.height));
-    spec.pictures.push_back(std::move(picture));
-  }
-  const auto entries = r.number(0, 256);
-  for (std::int64_t i = 0; i < entries && r.good(); ++i) {
-    const std::string name = r.text(kText);
-    spec.metadata[name] = r.text(kMaxMessage);
-  }
-  const auto warnings = r.number(0, 256);
-  for (std::int64_t i = 0; i < warnings && r.good(); ++i) spec.warnings.push_back(printable(r.text(kText)));
-  return r.good();
-}
-
-Writer failure(const Error& error) {
-  Writer w(Kind::failure);
-  w.number(static_cast<int>(error.code));
-  w.text(error.message.substr(0, 2048));
-  return w;
-}
-
-Error unpack_failure(Reader& r) {
-  const auto code = r.number(2, 70);
-  const std::string text = printable(r.text(4096));
-  // A decoder has only these two to say.
-  return {code == static_cast<int>(ErrorCode::limit) ? ErrorCode::limit : ErrorCode::input, text};
-}
+constexpr int kOpenSeconds = 20;  // to understand a header
 
 // --- the child -----------------------------------------------------------------------------------------------------
 
@@ -343,18 +144,18 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     // Waiting for the caller is not decoding.
     ::alarm(0);
     if (!receive_message(socket, bytes, fds)) ::_exit(0);
-    Reader request(std::move(bytes));
-    const auto kind = static_cast<Kind>(request.number(0, kKinds - 1));
+    MessageReader request(std::move(bytes));
+    const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
     const auto number = static_cast<int>(request.number(0, static_cast<std::int64_t>(spec.pictures.size()) - 1));
     const PictureSpec& picture = spec.pictures[static_cast<std::size_t>(number)];
     const auto first = static_cast<int>(request.number(0, picture.height - 1));
     const auto count = static_cast<int>(request.number(1, picture.height - first));
-    if (kind != Kind::rows || !request.good()) ::_exit(0);
+    if (kind != MessageKind::rows || !request.good()) ::_exit(0);
     ::alarm(static_cast<unsigned>(decode_seconds(spec)));
     char* const to = memory.at(window.offset(turn));
     if (turn > 1) std::memset(to, 0, bytes_of_rows(picture, count));
     ENVCONV_CHECK(decoder.decode_rows(number, first, count, to));
-    if (!send_message(socket, Writer(Kind::done).bytes())) ::_exit(0);
+    if (!send_message(socket, MessageWriter(MessageKind::done).bytes())) ::_exit(0);
   }
 }
 
@@ -395,10 +196,11 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     std::string bytes;
     std::vector<int> fds;
     if (!receive_message(socket, bytes, fds) || fds.size() != 1) ::_exit(0);  // the header was all that was wanted
-    const bool whole = static_cast<Kind>(Reader(std::move(bytes)).number(0, kKinds - 1)) == Kind::go;
+    const bool whole =
+        static_cast<MessageKind>(MessageReader(std::move(bytes)).number(0, kMessageKinds - 1)) == MessageKind::go;
     const auto result = whole ? decode_all_for_caller(fds[0], **decoder, base, static_cast<int>(threads))
                               : decode_rows_for_caller(socket, fds[0], **decoder, base, static_cast<int>(threads));
-    finish(result ? Writer(Kind::done).bytes() : failure(result.error()).bytes());
+    finish(result ? MessageWriter(MessageKind::done).bytes() : failure(result.error()).bytes());
   } catch (const std::bad_alloc&) {
     finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
   } catch (...) {
@@ -453,7 +255,7 @@ struct Child {
     for (pid_t pid; (pid = ::waitpid(-1, &status, WNOHANG)) > 0;) {
       const auto child = std::find_if(children.begin(), children.end(), [&](const Child& c) { return c.pid == pid; });
       if (child == children.end()) continue;
-      Writer death(Kind::death);
+      MessageWriter death(MessageKind::death);
       death.number(WIFSIGNALED(status) ? WTERMSIG(status) : 0);
       send_message(child->socket, death.bytes());
       ::close(child->socket);
@@ -466,15 +268,15 @@ struct Child {
       for (const Child& child : children) ::kill(child.pid, SIGKILL);
       ::_exit(0);
     }
-    Reader request(std::move(bytes));
-    const auto kind = static_cast<Kind>(request.number(0, kKinds - 1));
+    MessageReader request(std::move(bytes));
+    const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
     const std::string format = request.text(64);
     DecoderOptions options;
     options.max_pixels = request.number(0, INT64_MAX);
     options.threads = static_cast<int>(request.number(1, 1024));
     options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
     const std::string hook = request.text(64);
-    if (kind != Kind::request || !request.good() || fds.size() != 2) {
+    if (kind != MessageKind::request || !request.good() || fds.size() != 2) {
       for (const int fd : fds) ::close(fd);
       continue;
     }
@@ -565,7 +367,7 @@ class IsolatedReader final : public PixelSource {
   }
 
   Result<Ok> open(const std::string& format, int fd, const DecoderOptions& options) {
-    Writer request(Kind::request);
+    MessageWriter request(MessageKind::request);
     request.text(format);
     request.number(options.max_pixels);
     request.number(options.threads);
@@ -594,8 +396,8 @@ class IsolatedReader final : public PixelSource {
       if (socket_ >= 0) ::close(socket_);
       socket_ = sockets[0];
       if (!sent) continue;
-      Reader reply("");
-      Kind kind = Kind::death;
+      MessageReader reply("");
+      MessageKind kind = MessageKind::death;
       // Loading the image library comes on top of the child's own limit.
       const auto got = receive(kOpenSeconds + 20, kind, reply);
       if (!got) {
@@ -608,7 +410,7 @@ class IsolatedReader final : public PixelSource {
         z.control = -1;
         continue;
       }
-      if (kind != Kind::spec || !unpack(reply, spec_)) return senseless();
+      if (kind != MessageKind::spec || !unpack(reply, spec_)) return senseless();
       theirs_ = spec_;
       // What the child decodes whole can be taken in bands all the same.
       for (PictureSpec& picture : spec_.pictures) {
@@ -666,17 +468,17 @@ class IsolatedReader final : public PixelSource {
       memory_.push_back(MappedMemory::of_file(fd, plan.offsets[i], bytes_of(spec_.pictures[i])));
       mapped = memory_.back().data() != nullptr;
     }
-    const bool sent = mapped && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    const bool sent = mapped && send_message(socket_, MessageWriter(MessageKind::go).bytes(), {fd});
     ::close(fd);
     if (!mapped) return no_memory_for(plan.bytes);
-    Reader reply("");
-    Kind kind = Kind::death;
+    MessageReader reply("");
+    MessageKind kind = MessageKind::death;
     ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) + 20 : 5, kind, reply));
-    if (kind != Kind::done) return senseless();
+    if (kind != MessageKind::done) return senseless();
     // The memory is used as it is, so nobody may write there any more.
     ended_ = true;
     ENVCONV_CHECK(receive(20, kind, reply));
-    if (kind != Kind::death) return senseless();
+    if (kind != MessageKind::death) return senseless();
     return Ok{};
   }
 
@@ -685,7 +487,7 @@ class IsolatedReader final : public PixelSource {
     const Window window(theirs_);
     ENVCONV_TRY(const int fd, shared_file(window.bytes()));
     shared_ = MappedMemory::of_file(fd, 0, window.bytes());
-    if (shared_.data()) send_message(socket_, Writer(Kind::window).bytes(), {fd});
+    if (shared_.data()) send_message(socket_, MessageWriter(MessageKind::window).bytes(), {fd});
     ::close(fd);
     if (!shared_.data()) return no_memory_for(window.bytes());
     window_ = window;
@@ -700,7 +502,7 @@ class IsolatedReader final : public PixelSource {
 
   // What cannot be sent is found when the answer is awaited.
   void ask(Band band) {
-    Writer request(Kind::rows);
+    MessageWriter request(MessageKind::rows);
     request.number(band.picture);
     request.number(band.begin);
     request.number(band.end - band.begin);
@@ -747,14 +549,14 @@ class IsolatedReader final : public PixelSource {
   }
 
   Result<Ok> receive_done() {
-    Reader reply("");
-    Kind kind = Kind::death;
+    MessageReader reply("");
+    MessageKind kind = MessageKind::death;
     ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
-    return kind == Kind::done ? Result<Ok>(Ok{}) : senseless();
+    return kind == MessageKind::done ? Result<Ok>(Ok{}) : senseless();
   }
 
   // A spec or done, and then its death; failures, and deaths before, are errors.
-  Result<Ok> receive(int seconds, Kind& kind, Reader& reply) {
+  Result<Ok> receive(int seconds, MessageKind& kind, MessageReader& reply) {
     silent_ = false;
     timespec now;
     ::clock_gettime(CLOCK_MONOTONIC, &now);
@@ -775,10 +577,10 @@ class IsolatedReader final : public PixelSource {
       silent_ = true;
       return crashed(0);
     }
-    reply = Reader(std::move(bytes));
-    kind = static_cast<Kind>(reply.number(0, kKinds - 1));
-    if (kind == Kind::failure) return unpack_failure(reply);
-    if (kind == Kind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
+    reply = MessageReader(std::move(bytes));
+    kind = static_cast<MessageKind>(reply.number(0, kMessageKinds - 1));
+    if (kind == MessageKind::failure) return unpack_failure(reply);
+    if (kind == MessageKind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
     return reply.good() ? Result<Ok>(Ok{}) : senseless();
   }
 
