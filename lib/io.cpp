@@ -417,6 +417,7 @@ Result<Ok> decode_bands(PixelSource& source, const FileSpec& spec, int number, c
   }
   for (int first = 0; first < p.height; first += band) {
     const int rows = std::min(band, p.height - first);
+    image.relieve();
     void* to = direct ? image.row(first) : elements.get();
     // What a damaged chunk leaves out is black, not whatever was in memory.
     if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));

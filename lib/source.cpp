@@ -149,6 +149,7 @@ std::vector<std::vector<Source::RowRange>> Source::survey(const EnvImage& image)
   }
   mean_ = sphere_mean(image, [&](int f, int x0, int y0, int width, int height) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    if (x0 == 0) s.image->relieve();  // once for some rows
     for (int y = y0; y < y0 + height; ++y) {
       float low[4], high[4];
       value_range(channels_, width, s.pixels + y * s.pitch + x0 * channels_, low, high);

@@ -72,7 +72,7 @@ class Stages {
     const bool in_bands = streamed && decoded > band;
     stage.working = MiB + (direct ? 0 : band);
     // Many formats are decoded whole, and some codecs hold a copy; in this process when the input is trusted.
-    const std::size_t codec = streamed ? 4 * MiB * thread_count(o_.threads) : decoded + image_library;
+    const std::size_t codec = streamed ? codec_buffers() : decoded + image_library;
     stage.decoder = codec + (in_bands ? 2 * band : decoded);
     if (o_.input.read.trust_input) {
       stage.working += codec;
@@ -122,6 +122,9 @@ class Stages {
     return {shape_.result_bytes + bytes.images + bytes.seams, bytes.working, 0};
   }
 
+  // Of those that unpack an EXR file's chunks.
+  std::size_t codec_buffers() const { return 4 * MiB * thread_count(o_.threads); }
+
   // Written and read back without a copy of the picture as it is stored.
   static bool is_streamed(std::string_view path) {
     return path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
@@ -161,16 +164,16 @@ class Stages {
     if (!o_.write.verify || job_.paths.empty()) return {};
     const LevelBytes levels = level_bytes(o_.levels, level_place(plan_, job_), shape_.height, shape_.channels);
     const std::size_t written = std::max(packed_bytes(), shape_.result_bytes + levels.gutters);
-    Stage stage{levels.images + 2 * written, MiB, 0};
+    Stage stage{levels.images + 2 * written, MiB + codec_buffers(), 0};
     const std::string_view path = job_.paths.front();
     const PixelType type = write_options(plan_, job_, shape_, {}, file_.pictures.front().type).type;
     const std::size_t encoded = shape_.result_bytes / 4 * bytes_of(type);
     if (holds_faces(std::string(path))) {
       // What is not read in bands: a face, or all that was compressed together.
       const bool apart = o_.write.compression.empty();
-      stage.working = apart ? encoded / static_cast<std::size_t>(pictures_of(plan_)) : encoded + 16 * MiB;
+      stage.working += apart ? encoded / static_cast<std::size_t>(pictures_of(plan_)) : encoded + 16 * MiB;
     } else if (!is_streamed(path)) {
-      stage.working = image_library + std::min(encoded, 17 * MiB);
+      stage.working += image_library + std::min(encoded, 16 * MiB);
       stage.decoder = image_library + 2 * encoded;
     }
     return stage;
