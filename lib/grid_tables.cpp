@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "grid_tables.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace envconv {
+namespace {
+
+// Largest steps of a grid, in source texels.
+constexpr double grid_spacing = 0.88, direct_spacing = 1.1;
+
+}  // namespace
+
+const Quadrature& GridTables::nodes(int n) {
+  const std::lock_guard lock(mutex_);
+  auto& q = quadratures_[n];
+  if (!q) q = std::make_unique<Quadrature>(quadrature(filter_, n));
+  return *q;
+}
+
+std::optional<GridQuadrature> GridTables::grid(double need, const SourceWave& wave, Kernel kernel, int n) {
+  const double spacing = kernel == Kernel::drooping ? direct_spacing : grid_spacing;
+  int steps = samples_, texels = 1;
+  if (steps == 0) {
+    steps = 1;
+    while (need > spacing * steps / texels && steps <= most_grid_steps) {
+      // 1, 3/2, 2, 3, 4 ...
+      if (steps == 1 && n % 2 == 0)
+        steps = 3, texels = 2;
+      else
+        steps = steps / texels + 1, texels = 1;
+    }
+  }
+  if (steps > most_grid_steps) return std::nullopt;
+  // In steps' source texels, rounded, so that few tables serve all tiles.
+  const double density = static_cast<double>(steps) / texels;
+  const int length = std::max(1, static_cast<int>(std::ceil(8 * need / density - 0.25)));
+  if (kernel != Kernel::drooping) return table({steps, texels, length, 0, 0});
+  // What the kernel loses changes faster with the length of a step: between tables.
+  const auto split = [&](double wave, int& low) {
+    const double at = 8 * std::min(wave * density, 2.0);
+    low = static_cast<int>(at);
+    return static_cast<float>(at - low);
+  };
+  int along, across;
+  const float s = split(wave.along, along), t = split(wave.across, across);
+  GridQuadrature between = table({steps, texels, length, along, across});
+  const GridQuadrature &right = table({steps, texels, length, along + 1, across}),
+                       &below = table({steps, texels, length, along, across + 1}),
+                       &both = table({steps, texels, length, along + 1, across + 1});
+  for (std::size_t i = 0; i < between.weight.size(); ++i) {
+    const float top = between.weight[i] + s * (right.weight[i] - between.weight[i]);
+    between.weight[i] = top + t * (below.weight[i] + s * (both.weight[i] - below.weight[i]) - top);
+  }
+  return between;
+}
+
+// By steps, texels, and 8ths of a source texel: a step's length, and a step's wave along and across.
+const GridQuadrature& GridTables::table(const std::array<int, 5>& key) {
+  const std::lock_guard lock(mutex_);
+  auto& q = grids_[key];
+  if (!q) {
+    const double density = static_cast<double>(key[0]) / key[1];
+    q = std::make_unique<GridQuadrature>(
+        grid_quadrature(key[0], key[1], key[2] / 8.0 * density, {key[3] / 8.0 / density, key[4] / 8.0 / density}));
+  }
+  return *q;
+}
+
+}  // namespace envconv

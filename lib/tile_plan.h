@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// A rectangle of an output face, and how densely it is to be sampled.
+#pragma once
+
+#include <algorithm>
+
+#include "filter.h"
+#include "image.h"
+#include "quadrature.h"
+#include "resample.h"
+
+namespace envconv {
+
+inline constexpr int largest_tile = 64;  ///< texels a side
+
+/// In texels of the output's face.
+struct Tile {
+  int face, x0, y0, width, height;
+  bool slivers = false;  ///< holds highlights that need dense sampling
+};
+
+/// The part of a tile that met highlights, in texels of the face.
+struct Met {
+  int left = 1 << 30, top = 1 << 30, right = -1, bottom = -1;  ///< right and bottom: one past the last
+  bool any() const { return right > left; }
+  void add(int x, int y) {
+    left = std::min(left, x), top = std::min(top, y);
+    right = std::max(right, x + 1), bottom = std::max(bottom, y + 1);
+  }
+};
+
+/// The density relative to neighbours, and the number of samples, over one tile.
+struct TilePlan {
+  static constexpr int nodes_x = 5, nodes_y = 5;
+  double density[nodes_y][nodes_x];  ///< |dd/du x dd/dv| at equal steps from edge to edge; 1 for equal-area layouts
+  double need_u = 0, need_v = 0;     ///< source texels along a texel's sides, at most
+  double least = 1e30;               ///< source texels that a texel is wide where it is narrowest
+  /// A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
+  SourceWave wave_u, wave_v;
+  int ku = 1, kv = 1;   ///< samples a side of each texel, where texels are sampled apart
+  bool smooth = false;  ///< the density varies little enough to be sampled on a grid
+};
+
+/// source_from_out: the output layout's axes to the source layout's.
+TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
+                   const ResampleOptions& options, const Tile& tile);
+
+}  // namespace envconv

@@ -1,0 +1,477 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tile_sampler.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "assertion.h"
+#include "solid_angle.h"
+
+namespace envconv {
+namespace {
+
+constexpr int most_ring = most_grid_steps + 6;  // rows of samples that a texel takes
+
+// Density relative to neighbours at n equal steps along a row of the tile: bilinear between the plan's nodes, and on
+// beyond them.  x and y in texels from the tile's corner.
+void densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* __restrict out) {
+  const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
+  const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
+  const int row = std::clamp(static_cast<int>(y / high), 0, TilePlan::nodes_y - 2);
+  const double t = y / high - row;
+  for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
+    const double left = plan.density[row][cell] + t * (plan.density[row + 1][cell] - plan.density[row][cell]);
+    const double right =
+        plan.density[row][cell + 1] + t * (plan.density[row + 1][cell + 1] - plan.density[row][cell + 1]);
+    const int end = cell + 2 == TilePlan::nodes_x
+                        ? n
+                        : std::clamp(static_cast<int>(std::ceil(((cell + 1) * wide - x) / step)), i, n);
+    const float scale = static_cast<float>((right - left) / wide * step);
+    const float first = static_cast<float>(left + (right - left) / wide * (x - cell * wide));
+    for (; i < end; ++i) out[i] = first + scale * static_cast<float>(i);
+  }
+}
+
+// visit(s) for every sample that reads an excess.  Neighbours mostly share a block.
+template <class Visit>
+void for_each_near_highlight(const Source& source, const Workspace& w, int n, const Visit& visit) {
+  constexpr int side = Highlights::side;
+  int block_x = -1, block_y = -1;
+  float face = -1;
+  const Highlights::Mask* mask = nullptr;
+  for (int s = 0; s < n; ++s) {
+    const Place p = place_of(w.windows, s);
+    if (p.x / side != block_x || p.y / side != block_y || w.face[s] != face) {
+      block_x = p.x / side, block_y = p.y / side, face = w.face[s];
+      mask = source.highlights().mask_at(source.faces()[static_cast<std::size_t>(face)], p.x, p.y);
+    }
+    if (mask && (mask->rows[p.y % side] >> (p.x % side) & 1)) visit(s);
+  }
+}
+
+// The texels that a bilinear read takes, and their blocks; absent ones are nullptr.  Samples in a row mostly share
+// them.
+template <class Block>
+struct Quad {
+  float face = -1;
+  int x = 0, y = 0;
+  Block* block[4] = {};
+  int texel[4] = {};
+
+  bool is_at(float f, const Place& p) const { return f == face && p.x == x && p.y == y; }
+  template <class AnyHighlights>
+  void move(AnyHighlights& highlights, const SourceFace& source_face, float f, const Place& p) {
+    face = f, x = p.x, y = p.y;
+    for (int k = 0; k < 4; ++k) {
+      const int xx = x + (k & 1), yy = y + (k >> 1);
+      const std::int32_t index = highlights.index[Highlights::block_number(source_face, xx, yy)];
+      block[k] = index < 0 ? nullptr : &highlights.blocks[static_cast<std::size_t>(index)];
+      texel[k] = Highlights::place(xx, yy);
+    }
+  }
+  static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
+};
+
+void combine_densities(const GridQuadrature& q, int n, const float* in, float* out) {
+  for (int i = 0; i < n; ++i) {
+    const auto phase = static_cast<std::size_t>(i % q.texels);
+    const float* from = in + i / q.texels * q.steps + q.first[phase];
+    const float* weight = q.weight.data() + phase * static_cast<std::size_t>(q.taps);
+    out[i] = 0;
+    for (int k = 0; k < q.taps; ++k) out[i] += weight[k] * from[k];
+  }
+}
+
+// The relative change of the density per texel, along both axes, at the texels of row j: bilinear between the plan's
+// nodes. A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a pole.
+void density_slopes(const TilePlan& plan, const Tile& tile, int j, float* __restrict gx, float* __restrict gy) {
+  const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
+  const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
+  const int k = std::min(static_cast<int>((j + 0.5) / high), TilePlan::nodes_y - 2);
+  const double t = (j + 0.5) / high - k;
+  for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
+    const double a = plan.density[k][cell], b = plan.density[k][cell + 1];
+    const double c = plan.density[k + 1][cell], d = plan.density[k + 1][cell + 1];
+    const float left = static_cast<float>(a + t * (c - a)), right = static_cast<float>(b + t * (d - b));
+    const float across = static_cast<float>((right - left) / wide);
+    const float down_left = static_cast<float>((c - a) / high), down_right = static_cast<float>((d - b) / high);
+    const int end = cell + 2 == TilePlan::nodes_x ? tile.width : static_cast<int>(std::ceil((cell + 1) * wide - 0.5));
+    const float scale = static_cast<float>(1 / wide), first = static_cast<float>(0.5 - cell * wide);
+    for (; i < end; ++i) {
+      const float x = (static_cast<float>(i) + first) * scale;
+      const float here = left + x * (right - left);
+      const float inverse = here > 0 ? 1.0f / here : 0.0f;
+      gx[i] = std::clamp(across * inverse, -2.0f, 2.0f);
+      gy[i] = std::clamp((down_left + x * (down_right - down_left)) * inverse, -2.0f, 2.0f);
+    }
+  }
+}
+
+[[maybe_unused]] bool is_no_weight(float weight) { return !(weight >= 0); }
+
+double sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, double gx, double gy) {
+  return qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)] *
+         std::max(0.0, 1 + gx * qu.offset[static_cast<std::size_t>(k)] + gy * qv.offset[static_cast<std::size_t>(m)]);
+}
+
+Tile part_of(const Tile& tile, const Met& met) {
+  return {tile.face, met.left, met.top, met.right - met.left, met.bottom - met.top, tile.slivers};
+}
+
+}  // namespace
+
+TileSampler::TileSampler(const EnvImage& image, Source& source, int first_channel, EnvImage& out,
+                         const Mat3& source_from_out, const Filter& filter, const ResampleOptions& options,
+                         GridTables& tables)
+    : image_(image),
+      source_(source),
+      first_channel_(first_channel),
+      channels_(std::min(4, image.channels.count() - first_channel)),
+      out_(out),
+      source_from_out_(source_from_out),
+      filter_(filter),
+      options_(options),
+      tables_(tables) {
+  for (std::size_t i = 0; i < 9; ++i) matrix_[i] = static_cast<float>(source_from_out.m[i]);
+  // A limited filter does not go below black where the source never does.
+  for (int c = 0; c < 4; ++c)
+    lowest_[c] = filter.limited ? std::min(source.lowest()[c], 0.0f) : -std::numeric_limits<float>::infinity();
+}
+
+// The samples' directions to windows that point at texels.
+void TileSampler::find_windows(Kernel kernel, Workspace& w, int count) const {
+  const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+  rotate_directions(matrix_, padded, w.x, w.y, w.z);
+  source_.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
+  make_windows(source_.maps(), kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
+}
+
+void TileSampler::point(Kernel kernel, Workspace& w, int count) const {
+  if (kernel == Kernel::band_limited)
+    w.blocks->point(count, w.face, w.windows);
+  else
+    source_.point(kernel, count, w.face, w.windows);
+}
+
+// One sample in each texel, which needs no weights: several rows at once.
+void TileSampler::point_pass(Workspace& w, const Tile& tile) {
+  constexpr int batch = 256;
+  static_assert(batch >= largest_tile);
+  Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const int n = tile.width, rows = batch / n;
+  const double first = u_from_texel(tile.x0, face.width(), out_.placement);
+  const double step = texel_extent(face.width(), out_.placement);
+  for (int row = 0; row < rows; ++row)
+    for (int i = 0; i < n; ++i) w.u[row * n + i] = static_cast<float>(first + i * step);
+  const int stored = image_.channels.count();
+  std::fill_n(w.weight, batch, 1.0f);
+  for (int j = 0; j < tile.height; j += rows) {
+    const int count = std::min(rows, tile.height - j) * n;
+    const auto padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+    for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
+      std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(y, face.height(), out_.placement)));
+    std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
+    out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+    find_windows(filter_.kernel, w, count);
+    point(filter_.kernel, w, count);
+    sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
+    for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
+      store_texels(n, w.samples + 4 * s, {}, lowest_, channels_, stored, face.at(tile.x0, y) + first_channel_);
+  }
+}
+
+// Samples the tile on a grid that its texels share.  False, with nothing to be kept, when Kernel::drooping, which
+// reads the source as it is, met a highlight: the base that is left of these is in the prefiltered blocks.
+bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, Kernel kernel,
+                            const GridQuadrature& qu, const GridQuadrature& qv, Met& met) {
+  Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const Highlights& highlights = source_.highlights();
+  const bool even = out_.layout->info().equal_area;
+  const bool apart = source_.channels() == 4;  // three channels leave a float for the density
+  const int nu = qu.samples(tile.width), nv = qv.samples(tile.height), ring = qv.taps;
+  const auto padded = (static_cast<std::size_t>(nu) + 15) / 16 * 16;
+  const double step_u = static_cast<double>(qu.texels) / qu.steps, first_u = (0.5 - qu.before()) * step_u;
+  const double step_v = static_cast<double>(qv.texels) / qv.steps;
+  const auto room = [](std::vector<float>& v, std::size_t n) {
+    if (v.size() < n) v.resize(n);
+  };
+  room(w.samples_rows, static_cast<std::size_t>(ring) * padded * 4), room(w.combined, padded * 4);
+  room(w.density_rows, static_cast<std::size_t>(ring) * padded), room(w.combined_density, padded);
+  const double u = u_from_texel(tile.x0 - 0.5 + first_u, face.width(), out_.placement);
+  const double du = texel_extent(face.width(), out_.placement) * step_u;
+  for (int i = 0; i < nu; ++i) w.u[i] = static_cast<float>(u + i * du);
+  std::fill(w.u + nu, w.u + padded, w.u[0]);
+  std::fill_n(w.weight, padded, 1.0f);
+  const int stored = image_.channels.count();
+  int texel = 0;  // row of the tile that is next
+  for (int row = 0; row < nv; ++row) {
+    const double y = (row - qv.before() + 0.5) * step_v;
+    const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out_.placement));
+    std::fill_n(w.v, padded, v);
+    if (!even) densities(plan, tile, first_u, step_u, y, nu, w.weight);
+    out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+    find_windows(kernel, w, nu);
+    if (highlights.any()) {
+      if (kernel == Kernel::drooping)
+        for (int s = 0; s < nu; ++s)
+          if (highlights.touch(source_.faces()[static_cast<std::size_t>(w.face[s])], w.windows.x[s], w.windows.y[s]))
+            return false;
+      const int j = static_cast<int>(std::floor(y));
+      for_each_near_highlight(source_, w, nu, [&](int s) {
+        const int i = static_cast<int>(std::floor(first_u + s * step_u + 0.5));
+        // With two texels around: between samples there are others.
+        for (const int d : {-2, 2})
+          met.add(tile.x0 + std::clamp(i + d, 0, tile.width - 1), tile.y0 + std::clamp(j + d, 0, tile.height - 1));
+      });
+    }
+    point(kernel, w, nu);
+    const auto slot = static_cast<std::size_t>(row % ring);
+    sum_windows(kernel, source_.channels(), nu, w.windows, w.weight, w.samples_rows.data() + slot * padded * 4);
+    if (apart) std::copy_n(w.weight, padded, w.density_rows.data() + slot * padded);
+    for (; texel < tile.height; ++texel) {
+      const auto phase = static_cast<std::size_t>(texel % qv.texels);
+      const int top = texel / qv.texels * qv.steps + qv.first[phase] + qv.before();
+      if (top + ring > row + 1) break;
+      const float *rows[most_ring], *density[most_ring];
+      for (int k = 0; k < ring; ++k) {
+        const auto at = static_cast<std::size_t>((top + k) % ring);
+        rows[k] = w.samples_rows.data() + at * padded * 4;
+        density[k] = w.density_rows.data() + at * padded;
+      }
+      const float* weight = qv.weight.data() + phase * static_cast<std::size_t>(ring);
+      combine_rows(4 * nu, ring, weight, rows, w.combined.data());
+      const float* into = w.combined.data() + 4 * static_cast<std::ptrdiff_t>(qu.before());
+      combine_samples(tile.width, qu.texels, qu.steps, qu.taps, qu.first.data(), qu.weight.data(), into, w.row);
+      if (apart) {
+        combine_rows(nu, ring, weight, density, w.combined_density.data());
+        combine_densities(qu, tile.width, w.combined_density.data() + qu.before(), w.total);
+      }
+      store_texels(tile.width, w.row, apart ? Totals{w.total, 1} : Totals{w.row + 3, 4}, lowest_, channels_, stored,
+                   face.at(tile.x0, tile.y0 + texel) + first_channel_);
+    }
+  }
+  ENVCONV_ASSERT(texel == tile.height);
+  return true;
+}
+
+// w.row over w.total to row j of the tile.
+void TileSampler::store_row(Workspace& w, const Tile& tile, int j) {
+  const int stored = image_.channels.count();
+  store_texels(tile.width, w.row, {w.total, 1}, lowest_, channels_, stored,
+               out_.faces[static_cast<std::size_t>(tile.face)].at(tile.x0, tile.y0 + j) + first_channel_);
+}
+
+// Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
+// face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
+template <class Visit>
+void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
+                             const Quadrature& qv, int j, Workspace& w, const Visit& visit) const {
+  const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const int n = tile.width;
+  alignas(64) float gx[largest_tile], gy[largest_tile];  // relative change of the density per texel
+  density_slopes(plan, tile, j, gx, gy);
+  const bool disc = out_.layout->info().domain == Domain::disc;
+  bool outside[largest_tile];
+  for (int i = 0; i < n; ++i) {
+    outside[i] = false;
+    w.total[i] = 1.0f;
+    if (disc || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
+    double sum = 0;  // some weights are cut off at 0
+    for (int m = 0; m < qv.count(); ++m)
+      for (int k = 0; k < qu.count(); ++k) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+    w.total[i] = static_cast<float>(sum);
+  }
+  const auto centred = [&](int i, int k, double offset_y, double& a, double& b) {
+    a = 2 * u_from_texel(tile.x0 + i + qu.offset[static_cast<std::size_t>(k)], face.width(), out_.placement) - 1;
+    b = 2 * u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement) - 1;
+  };
+  if (disc) {
+    // Only samples inside the disc count; a texel without any takes the nearest rim's radiance.
+    for (int i = 0; i < n; ++i) {
+      double sum = 0;
+      for (int m = 0; m < qv.count(); ++m)
+        for (int k = 0; k < qu.count(); ++k) {
+          double a, b;
+          centred(i, k, qv.offset[static_cast<std::size_t>(m)], a, b);
+          if (a * a + b * b <= 1) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+        }
+      outside[i] = !(sum > 0);
+      w.total[i] = outside[i] ? 1.0f : static_cast<float>(sum);
+      if (outside[i]) gx[i] = gy[i] = 0;
+    }
+  }
+  const int per_call = std::max(1, most_samples / n);
+  for (int m = 0; m < qv.count(); ++m) {
+    const double offset_y = qv.offset[static_cast<std::size_t>(m)];
+    const float v = static_cast<float>(u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement));
+    for (int k0 = 0; k0 < qu.count(); k0 += per_call) {
+      const int columns = std::min(per_call, qu.count() - k0);
+      const int count = columns * n;
+      int s = 0;
+      for (int k = k0; k < k0 + columns; ++k) {
+        const double offset_x = qu.offset[static_cast<std::size_t>(k)];
+        const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
+        // u is affine in the texel's index.
+        const double first = u_from_texel(tile.x0 + offset_x, face.width(), out_.placement);
+        const double step = texel_extent(face.width(), out_.placement);
+        const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
+        float* __restrict us = w.u + s;
+        float* __restrict ws = w.weight + s;
+        for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
+        for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
+        std::fill_n(w.v + s, n, v);
+        s += n;
+        if (!disc) continue;
+        for (int i = 0; i < n; ++i) {
+          double a, b;
+          centred(i, k, offset_y, a, b);
+          const double r = std::sqrt(a * a + b * b);
+          if (r <= 1) continue;
+          const int at = s - n + i;
+          if (!outside[i]) w.weight[at] = 0;
+          w.u[at] = static_cast<float>(0.5 + 0.5 * a / r * (1 - 1e-6));
+          w.v[at] = static_cast<float>(0.5 + 0.5 * b / r * (1 - 1e-6));
+        }
+      }
+      for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
+      const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+      ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
+      out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+      find_windows(kernel, w, count);
+      visit(count);
+    }
+  }
+}
+
+void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
+  const TilePlan tile_plan = plan(tile);
+  if (w.blocks) w.blocks->next_tile();
+  if (filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers) {
+    const bool wide = tile_plan.least >= direct_ratio;
+    if ((wide && on_grid(w, tile, tile_plan, Kernel::drooping, met)) ||
+        on_grid(w, tile, tile_plan, Kernel::band_limited, met)) {
+      if (met.any()) receive(w, tile, met);
+      return;
+    }
+  }
+  if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && out_.layout->info().domain != Domain::disc)
+    return point_pass(w, tile);
+  texel_pass(w, tile, tile_plan);
+  if (!source_.highlights().any()) return;
+  met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
+  receive(w, tile, met);
+}
+
+bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met) {
+  const std::optional<GridQuadrature> u = tables_.grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
+  const std::optional<GridQuadrature> v = tables_.grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
+  return u && v && grid_pass(w, tile, tile_plan, kernel, *u, *v, met);
+}
+
+// Samples every texel for itself, with positive weights.
+void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan) {
+  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+  for (int j = 0; j < tile.height; ++j) {
+    // A texel on a singular point may take millions of samples: batches are added up in double.
+    double sum[largest_tile][4] = {};
+    sample_row(filter_.kernel, tile, tile_plan, qu, qv, j, w, [&](int count) {
+      point(filter_.kernel, w, count);
+      sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
+      std::fill_n(w.row, 4 * tile.width, 0.0f);
+      for (int s = 0; s < count; s += tile.width)
+        for (int i = 0; i < 4 * tile.width; ++i) w.row[i] += w.samples[4 * s + i];
+      for (int i = 0; i < 4 * tile.width; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
+    });
+    for (int i = 0; i < 4 * tile.width; ++i) w.row[i] = static_cast<float>(sum[i / 4][i % 4]);
+    store_row(w, tile, j);
+  }
+}
+
+// Counts what the texels that met highlights receive of them.
+void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
+  const Tile tile = part_of(whole, met);
+  const TilePlan tile_plan = plan(tile);
+  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+  const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  Highlights& highlights = source_.highlights();
+  std::vector<double> omega;  // of the texels, once a highlight is met
+  Quad<Highlights::Block> quad;
+  std::uint64_t received[4] = {};  // by its texels, so far
+  const auto flush = [&] {
+    for (int k = 0; k < 4; ++k) {
+      if (quad.block[k] && received[k] > 0) {
+        const float* e = quad.block[k]->excess[quad.texel[k]];
+        if (e[0] != 0 || e[1] != 0 || e[2] != 0)
+          std::atomic_ref<std::uint64_t>(quad.block[k]->received[quad.texel[k]])
+              .fetch_add(received[k], std::memory_order_relaxed);
+      }
+      received[k] = 0;
+    }
+  };
+  for (int j = 0; j < tile.height; ++j) {
+    double scale[largest_tile];  // of weights to units of what is received; negative: not known yet
+    std::fill_n(scale, tile.width, -1.0);
+    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, w, [&](int count) {
+      for_each_near_highlight(source_, w, count, [&](int s) {
+        if (omega.empty()) {
+          omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
+          texel_solid_angles(*out_.layout, tile.face, {face.width(), face.height()}, out_.placement, tile.x0, tile.y0,
+                             tile.width, tile.height, omega.data());
+        }
+        const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
+        const Place p = place_of(w.windows, s);
+        const int i = s % tile.width;
+        if (!(scale[i] >= 0))
+          scale[i] = omega[static_cast<std::size_t>(j * tile.width + i)] /
+                     (static_cast<double>(w.total[i]) * Highlights::received_unit);
+        const double share = scale[i] * static_cast<double>(w.weight[s]);
+        ENVCONV_ASSERT(share >= 0);
+        if (!quad.is_at(w.face[s], p)) {
+          flush();
+          quad.move(highlights, f, w.face[s], p);
+        }
+        for (int k = 0; k < 4; ++k)
+          received[k] += static_cast<std::uint64_t>(share * static_cast<double>(Quad<Highlights::Block>::weight(k, p)));
+      });
+    });
+  }
+  flush();
+  if (omega.empty()) met = {};
+}
+
+// Adds the highlights to the texels that met them.
+void TileSampler::second_pass(Workspace& w, const Tile& whole, const Met& met) {
+  const Tile tile = part_of(whole, met);
+  const TilePlan tile_plan = plan(tile);
+  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+  Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const Highlights& highlights = source_.highlights();
+  Quad<const Highlights::Block> quad;
+  for (int j = 0; j < tile.height; ++j) {
+    double sum[largest_tile][4] = {};
+    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, w, [&](int count) {
+      for_each_near_highlight(source_, w, count, [&](int s) {
+        const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
+        const Place p = place_of(w.windows, s);
+        if (!quad.is_at(w.face[s], p)) quad.move(highlights, f, w.face[s], p);
+        float value[4] = {};
+        for (int k = 0; k < 4; ++k) {
+          if (!quad.block[k]) continue;
+          const float weight = w.weight[s] * Quad<const Highlights::Block>::weight(k, p);
+          const float* excess = quad.block[k]->excess[quad.texel[k]];
+          for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
+        }
+        double* to = sum[s % tile.width];
+        for (int c = 0; c < 4; ++c) to[c] += static_cast<double>(value[c]);
+      });
+    });
+    float* to = face.at(tile.x0, tile.y0 + j) + first_channel_;
+    for (int i = 0; i < tile.width; ++i, to += image_.channels.count())
+      for (int c = 0; c < channels_; ++c) to[c] += static_cast<float>(sum[i][c] / static_cast<double>(w.total[i]));
+  }
+}
+
+}  // namespace envconv

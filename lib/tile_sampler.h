@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Samples tiles of the output: see resample.cpp for the three ways that there are.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "grid_tables.h"
+#include "read_kernels.h"
+#include "source.h"
+#include "source_blocks.h"
+#include "tile_plan.h"
+
+namespace envconv {
+
+/// What a thread needs for its tiles.
+struct Workspace {
+  Workspace(const Source& source, Kernel kernel, std::size_t most_blocks) {
+    if (kernel == Kernel::band_limited) blocks.emplace(source, most_blocks);
+  }
+  std::optional<SourceBlocks> blocks;
+  Windows windows;
+  alignas(64) float u[batch_room], v[batch_room], x[batch_room], y[batch_room], z[batch_room], face[batch_room],
+      su[batch_room], sv[batch_room], weight[batch_room];
+  alignas(64) float samples[batch_room * 4];  // of a batch
+  float total[batch_room];
+  alignas(64) float row[largest_tile * 4];
+  // Of the grid: the last rows of samples, four floats each, and their densities; and those combined to a row.
+  std::vector<float> samples_rows, density_rows, combined, combined_density;
+};
+
+/// One source, up to four channels of it, on its way to one output.  For several threads, each with its own workspace.
+class TileSampler {
+ public:
+  /// All must outlive the sampler.  image: of which `source` reads channels from first_channel on.
+  TileSampler(const EnvImage& image, Source& source, int first_channel, EnvImage& out, const Mat3& source_from_out,
+              const Filter& filter, const ResampleOptions& options, GridTables& tables);
+
+  /// Writes the tile, without highlights, and counts what its texels receive of these; met: where they did.
+  void first_pass(Workspace& w, const Tile& tile, Met& met);
+
+  /// Adds the highlights, as Source::conserve_highlights() left them, to the texels that met them.
+  void second_pass(Workspace& w, const Tile& tile, const Met& met);
+
+ private:
+  void find_windows(Kernel kernel, Workspace& w, int count) const;
+  void point(Kernel kernel, Workspace& w, int count) const;
+  void point_pass(Workspace& w, const Tile& tile);
+  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan);
+  bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met);
+  bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, Kernel kernel, const GridQuadrature& qu,
+                 const GridQuadrature& qv, Met& met);
+  template <class Visit>
+  void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
+                  int j, Workspace& w, const Visit& visit) const;
+  void store_row(Workspace& w, const Tile& tile, int j);
+  void receive(Workspace& w, const Tile& whole, Met& met);
+  TilePlan plan(const Tile& tile) const { return plan_tile(image_, out_, source_from_out_, filter_, options_, tile); }
+
+  const EnvImage& image_;
+  Source& source_;
+  int first_channel_, channels_;  // of the output's, that are written
+  EnvImage& out_;
+  Mat3 source_from_out_;
+  float matrix_[9];
+  const Filter& filter_;
+  const ResampleOptions& options_;
+  GridTables& tables_;
+  float lowest_[4];  // values are not below
+};
+
+}  // namespace envconv
