@@ -22,6 +22,7 @@ struct PictureSpec {
   Channels channels;
   PixelType type = PixelType::float32;     ///< as stored in the file
   PixelType element = PixelType::float32;  ///< as decode() delivers it
+  int band = 0;                            ///< rows that decode_rows() delivers at a time; 0: all of them at once
 };
 
 /// A file, as the decoder understands it.
@@ -51,6 +52,9 @@ class PixelSource {
   /// All pixels of a picture, [height][width][channels] elements, with room behind them as Image::adopt() needs it.
   /// Nobody else writes there.  Once for each picture.
   virtual Result<MappedMemory> pixels(int picture) = 0;
+  /// Delivers `count` rows from `first` on, to memory that is zero: bands of PictureSpec::band rows, of which the last
+  /// may be less, each once and in order.  A source delivers all its pictures this way, or all by pixels().
+  virtual Result<Ok> decode_rows(int picture, int first, int count, void* pixels) = 0;
 };
 
 /// A file that is decoded in this process.
@@ -59,6 +63,8 @@ class Decoder : public PixelSource {
   /// Delivers all pixels of a picture to memory that is zero.
   virtual Result<Ok> decode(int picture, void* pixels) = 0;
   Result<MappedMemory> pixels(int picture) override;
+  /// For decoders without bands.
+  Result<Ok> decode_rows(int picture, int, int, void* pixels) override { return decode(picture, pixels); }
 };
 
 /// What a decoder needs to know.
@@ -67,6 +73,13 @@ struct DecoderOptions {
   int threads = 1;
   int level = 0;  ///< whose pictures spec() and decode() speak of
 };
+
+/// Rows that make a band of some megabytes, as a multiple of `multiple`; no less than `least`.  0: the whole picture is
+/// no more than that.
+int band_rows(const PictureSpec& picture, int multiple, int least = 1);
+/// Rows of a picture that are delivered at a time, and bytes of so many rows.
+inline int rows_at_a_time(const PictureSpec& picture) { return picture.band > 0 ? picture.band : picture.height; }
+std::size_t bytes_of_rows(const PictureSpec& picture, int rows);
 
 /// Bytes of an element.
 inline std::size_t size_of(PixelType type) {
@@ -81,9 +94,7 @@ inline std::size_t size_of(PixelType type) {
 /// Bytes of a picture's elements and the room behind them, in whole pages.
 inline std::size_t bytes_of(const PictureSpec& picture) {
   constexpr std::size_t kPages = 65536;
-  const std::size_t bytes = static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(picture.height) *
-                            static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element);
-  return (bytes + Image::room + kPages - 1) / kPages * kPages;
+  return (bytes_of_rows(picture, picture.height) + Image::room + kPages - 1) / kPages * kPages;
 }
 
 /// The error where there is no memory for so many bytes.

@@ -21,5 +21,6 @@
 #include "resample.h"        // from one environment to another
 #include "result.h"          // errors as values
 #include "sampler.h"         // radiance of a direction and a footprint
+#include "scratch.h"         // pixels in files instead of memory
 #include "seam.h"            // edges of faces
 #include "texel_figures.h"   // figures of texels at one size

@@ -216,33 +216,37 @@ class ExrDecoder final : public Decoder {
   const FileSpec& spec() const override { return spec_; }
 
   Result<Ok> decode(int picture, void* pixels) override {
+    return decode_rows(picture, 0, spec_.pictures[static_cast<std::size_t>(picture)].height, pixels);
+  }
+
+  Result<Ok> decode_rows(int picture, int first, int count, void* pixels) override {
     const Part& part = parts_[static_cast<std::size_t>(picture)];
     const PictureSpec& target = spec_.pictures[static_cast<std::size_t>(picture)];
     try {
-      if (!file_->partComplete(picture)) return bad_input("truncated or damaged: it was never finished");
+      if (first == 0 && !file_->partComplete(picture)) return bad_input("truncated or damaged: it was never finished");
       auto* base = static_cast<float*>(pixels);
       const std::optional<ChunkGrid> chunks = chunks_of(picture);
       if (chunks) {
         const ChunkTarget place{base,
                                 target.width,
-                                target.height,
+                                count,
                                 target.channels.count(),
                                 part.origin_x - part.data.x0,
-                                part.origin_y - part.data.y0};
+                                part.origin_y - part.data.y0 + first};
         return read_chunks(*chunks, place, threads_);
       }
       if (threads_ > 1) set_exr_pool_threads(threads_);
       const auto channels = static_cast<std::size_t>(target.channels.count());
       if (part.data.width() == target.width) {
         // The data window has the picture's columns: straight into place.
-        const std::int64_t top = part.origin_y, bottom = part.origin_y + target.height - 1;
+        const std::int64_t top = part.origin_y + first, bottom = top + count - 1;
         const Imf::FrameBuffer frame =
             frame_buffer(part, base, part.origin_x, top, static_cast<std::size_t>(target.width), channels);
         if (part.tiled && part.data.height() == target.height) {
           Imf::TiledInputPart tiles(*file_, picture);
           tiles.setFrameBuffer(frame);
-          const int level = part.level;
-          tiles.readTiles(0, tiles.numXTiles(level) - 1, 0, tiles.numYTiles(level) - 1, level);
+          const int level = part.level, side = static_cast<int>(tiles.tileYSize());
+          tiles.readTiles(0, tiles.numXTiles(level) - 1, first / side, (first + count - 1) / side, level);
         } else {
           Imf::InputPart lines(*file_, picture);
           lines.setFrameBuffer(frame);
@@ -255,10 +259,10 @@ class ExrDecoder final : public Decoder {
       const auto width = static_cast<std::size_t>(part.data.width());
       constexpr int kBand = 64;
       std::vector<float> band(width * channels * kBand);
-      for (int y = 0; y < target.height; y += kBand) {
-        const int rows = std::min(kBand, target.height - y);
+      for (int y = 0; y < count; y += kBand) {
+        const int rows = std::min(kBand, count - y);
         std::fill(band.begin(), band.end(), 0.f);
-        const std::int64_t top = part.origin_y + y;
+        const std::int64_t top = part.origin_y + first + y;
         lines.setFrameBuffer(frame_buffer(part, band.data(), part.data.x0, top, width, channels));
         lines.readPixels(static_cast<int>(top), static_cast<int>(top + rows - 1));
         const std::size_t row_values = static_cast<std::size_t>(target.width) * channels;
@@ -295,6 +299,16 @@ class ExrDecoder final : public Decoder {
       return true;
     }
   };
+
+  // Whole tiles, or whole blocks of lines from the data window's first on; and several for each thread.
+  int band_of(const PictureSpec& picture, const Part& part, const Imf::Header& header) const {
+    constexpr int kMostLines = 32;  // of a block, but for DWAB
+    const bool dwab = header.compression() == Imf::DWAB_COMPRESSION;
+    const std::int64_t side = part.tiled ? header.tileDescription().ySize : dwab ? 256 : kMostLines;
+    if (side >= picture.height) return 0;
+    const int block = static_cast<int>(side);
+    return band_rows(picture, block, part.tiled ? block : block * std::max(1, threads_));
+  }
 
   // How the pixels of a part lie in the file; nothing where OpenEXR must unpack them.
   std::optional<ChunkGrid> chunks_of(int picture) const {
@@ -415,6 +429,7 @@ class ExrDecoder final : public Decoder {
     picture.channels = pick.channels;
     picture.type = type_of(header.channels()[pick.stored.front().c_str()].type);
     part.stored = pick.stored;
+    picture.band = band_of(picture, part, header);
     if (index == 0) {
       for (const CompressionName& compression : kCompressions) {
         if (compression.value == header.compression()) spec_.compression = compression.name;

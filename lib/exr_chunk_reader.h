@@ -35,7 +35,7 @@ struct ChunkGrid : BlockGrid {
   std::uint64_t largest_chunk() const;
 };
 
-/// A picture inside of the level's data window.
+/// A picture inside of the level's data window, or a band of its rows.
 struct ChunkTarget {
   float* pixels = nullptr;  ///< [height][width][channels]
   int width = 0, height = 0, channels = 0;

@@ -106,7 +106,8 @@ class ChunkPacker {
     values_.resize(width * step * element);
     std::uint8_t* to = chunk_.data();
     for (std::int64_t y = block.y; y < block.y + block.height; ++y) {
-      const float* from = level.image.at(static_cast<int>(block.x), static_cast<int>(y));
+      // By its row: that is what unmaps pages of an image in scratch storage.
+      const float* from = level.image.row(static_cast<int>(y)) + static_cast<std::size_t>(block.x) * step;
       convert_values(from, width * step, level.type, values_.data(), counts);
       const auto* values = level.type == Imf::FLOAT ? reinterpret_cast<const std::uint8_t*>(from) : values_.data();
       for (const std::size_t channel : level.channels) {

@@ -80,6 +80,41 @@ std::optional<Imf::Chromaticities> chromaticities_of(const ColorEncoding& color,
   return Imf::Chromaticities({f[0], f[1]}, {f[2], f[3]}, {f[4], f[5]}, {f[6], f[7]});
 }
 
+// Lines that are converted and written at a time: a multiple of every codec's block of lines and of a tile's side, and
+// enough of them to keep all threads busy.
+int band_lines(std::size_t row_values) {
+  return std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
+}
+
+// Hands out an image to OpenEXR in bands of lines, by a function of a frame that is good for lines from the first on,
+// that line and their number.
+template <class WriteBand>
+void write_bands(const Picture& names, const Image& image, Imf::PixelType type, ExrCounts& counts,
+                 WriteBand&& write_band) {
+  const auto channels = static_cast<std::size_t>(image.channels());
+  const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels, element = size_of(type);
+  const std::size_t x_stride = channels * element, y_stride = row_values * element;
+  const bool convert = type != Imf::FLOAT;
+  const int band = band_lines(row_values);
+  std::vector<char> buffer(convert ? y_stride * static_cast<std::size_t>(std::min(band, image.height())) : 0);
+  for (int y = 0; y < image.height(); y += band) {
+    const int rows = std::min(band, image.height() - y);
+    tbb::parallel_for(0, rows, [&](int row) {
+      char* to = convert ? buffer.data() + static_cast<std::size_t>(row) * y_stride : nullptr;
+      convert_values(image.row(y + row), row_values, type, to, counts);
+    });
+    const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
+    Imf::FrameBuffer frame;
+    for (std::size_t c = 0; c < channels; ++c) {
+      // OpenEXR counts from line 0.
+      const std::uintptr_t origin =
+          reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
+      frame.insert(names.channels.names[c], Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
+    }
+    write_band(frame, y, rows);
+  }
+}
+
 Imf::PixelType stored_type(const WriteReport& report) {
   return report.type == PixelType::half ? Imf::HALF : report.type == PixelType::uint32 ? Imf::UINT : Imf::FLOAT;
 }
@@ -170,54 +205,23 @@ Result<Ok> write_levels_of(const Imf::Header& header, std::size_t picture, std::
 template <class Part>
 void write_tiles(Part& part, int level, const Picture& names, const Image& image, Imf::PixelType type,
                  ExrCounts& counts) {
-  const auto channels = static_cast<std::size_t>(image.channels());
-  const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels, element = size_of(type);
-  const bool convert = type != Imf::FLOAT;
-  std::vector<char> buffer(convert ? row_values * element * static_cast<std::size_t>(image.height()) : 0);
-  tbb::parallel_for(0, image.height(), [&](int y) {
-    char* to = convert ? buffer.data() + static_cast<std::size_t>(y) * row_values * element : nullptr;
-    convert_values(image.row(y), row_values, type, to, counts);
+  constexpr int side = static_cast<int>(tile_side);
+  write_bands(names, image, type, counts, [&](const Imf::FrameBuffer& frame, int y, int rows) {
+    part.setFrameBuffer(frame);
+    part.writeTiles(0, part.numXTiles(level) - 1, y / side, (y + rows - 1) / side, level);
   });
-  const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.data());
-  Imf::FrameBuffer frame;
-  for (std::size_t c = 0; c < channels; ++c)
-    frame.insert(names.channels.names[c],
-                 Imf::Slice(type, const_cast<char*>(base) + c * element, channels * element, row_values * element));
-  part.setFrameBuffer(frame);
-  part.writeTiles(0, part.numXTiles(level) - 1, 0, part.numYTiles(level) - 1, level);
 }
 
 // The same of scan lines.
 template <class Part>
 Result<Ok> write_lines(Part& part, const Picture& picture, Imf::PixelType type, ExrCounts& counts) {
-  const Image& image = picture.image;
-  const auto channels = static_cast<std::size_t>(image.channels());
-  const std::size_t row_values = static_cast<std::size_t>(image.width()) * channels, element = size_of(type);
-  // A band is a multiple of every codec's block of lines, and enough of them to keep all threads busy.
-  const int band =
-      std::max(256, static_cast<int>(std::min<std::size_t>(4096, (std::size_t{1} << 22) / row_values))) / 256 * 256;
-  const bool convert = type != Imf::FLOAT;
-  std::vector<char> buffer(convert ? row_values * element * static_cast<std::size_t>(std::min(band, image.height()))
-                                   : 0);
-  for (int y = 0; y < image.height(); y += band) {
-    const int rows = std::min(band, image.height() - y);
-    tbb::parallel_for(0, rows, [&](int row) {
-      char* to = convert ? buffer.data() + static_cast<std::size_t>(row) * row_values * element : nullptr;
-      convert_values(image.row(y + row), row_values, type, to, counts);
-    });
-    const char* base = convert ? buffer.data() : reinterpret_cast<const char*>(image.row(y));
-    const std::size_t x_stride = channels * element, y_stride = row_values * element;
-    Imf::FrameBuffer frame;
-    for (std::size_t c = 0; c < channels; ++c) {
-      const std::uintptr_t origin =
-          reinterpret_cast<std::uintptr_t>(base) + c * element - static_cast<std::uintptr_t>(y) * y_stride;
-      frame.insert(picture.channels.names[c], Imf::Slice(type, reinterpret_cast<char*>(origin), x_stride, y_stride));
-    }
+  write_bands(picture, picture.image, type, counts, [&](const Imf::FrameBuffer& frame, int, int rows) {
     part.setFrameBuffer(frame);
     part.writePixels(rows);
-  }
+  });
   // A codec that failed in another thread may leave no more than this behind.
-  if (part.currentScanLine() != image.height()) return Error{ErrorCode::output, "OpenEXR did not write all lines"};
+  if (part.currentScanLine() != picture.image.height())
+    return Error{ErrorCode::output, "OpenEXR did not write all lines"};
   return Ok{};
 }
 

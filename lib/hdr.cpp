@@ -161,20 +161,22 @@ class HdrDecoder final : public Decoder {
     picture.height = static_cast<int>(size[0]);
     picture.channels = {{"R", "G", "B"}, -1};
     spec_.compression = "rle";
+    picture.band = band_rows(picture, 1);
     spec_.pictures.push_back(picture);
     return Ok{};
   }
 
   const FileSpec& spec() const override { return spec_; }
 
-  Result<Ok> decode(int, void* pixels) override {
+  Result<Ok> decode(int, void* pixels) override { return decode_rows(0, 0, spec_.pictures[0].height, pixels); }
+
+  Result<Ok> decode_rows(int, int, int count, void* pixels) override {
     const auto width = static_cast<std::size_t>(spec_.pictures[0].width);
-    const int height = spec_.pictures[0].height;
     std::vector<unsigned char> row(width * 4);
     auto* to = static_cast<float*>(pixels);
     const std::array<float, 256>& weight = weights();
     const bool plain = exposure_[0] == 1 && exposure_[1] == 1 && exposure_[2] == 1;
-    for (int y = 0; y < height; ++y) {
+    for (int y = 0; y < count; ++y) {
       if (!get_row(row, width)) return ended();
       for (std::size_t x = 0; x < width; ++x, to += 3) {
         const unsigned char* p = row.data() + 4 * x;

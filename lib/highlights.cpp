@@ -91,9 +91,12 @@ void Source::split_highlights(const EnvImage& image) {
     total += static_cast<std::size_t>(s.size.width) * static_cast<std::size_t>(s.size.height);
   const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(total) / 250000.0)));
   for (const SourceFace& s : faces_)
-    for (int y = 0; y < s.size.height; y += step)
+    for (int y = 0; y < s.size.height; y += step) {
+      // A texel here and there maps pages all around.
+      s.image->relieve();
       for (int x = (y / step) % step; x < s.size.width; x += step)
         histogram.add(static_cast<double>(brightness(pixel(s, x + apron_, y + apron_))));
+    }
   double limit = threshold_over_mean * histogram.mean_below(1e30);
   for (int i = 0; i < 40; ++i) limit = threshold_over_mean * histogram.mean_below(limit);
   while (limit > 0 && histogram.share_above(limit) > most_texels) limit *= 1.5;
@@ -111,6 +114,7 @@ void Source::split_highlights(const EnvImage& image) {
     std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
     tbb::parallel_for(0, s.size.height, [&](int j) {
       const int y = j + apron_;
+      s.image->relieve();
       if (ranges[f][static_cast<std::size_t>(j)].brightest <= threshold_) return;
       for (int x = apron_; x < apron_ + s.size.width; ++x) {
         const float* t = pixel(s, x, y);

@@ -9,15 +9,24 @@
 #include <cstring>
 #include <limits>
 #include <new>
+#include <utility>
 
 #include "assertion.h"
 #include "mapped_memory.h"
+#include "scratch.h"
 #include "solid_angle.h"
 
 namespace envconv {
 
+namespace {
+// Large images lie on huge pages: random reads of a panorama otherwise miss the address translation cache.
+constexpr std::size_t huge_page = std::size_t{2} << 20, large_bytes = 4 * huge_page;
+}  // namespace
+
 void Image::Free::operator()(float* p) const {
-  if (mapped > 0) {
+  if (scratch) {
+    scratch->release(p);
+  } else if (mapped > 0) {
     ::munmap(p, mapped);
   } else {
     std::free(p);
@@ -27,18 +36,22 @@ void Image::Free::operator()(float* p) const {
 Image Image::adopt(int width, int height, int channels, MappedMemory&& mapping) {
   Image image = without_pixels(width, height, channels);
   ENVCONV_ASSERT(mapping.size() >= image.value_count() * sizeof(float) + room);
-  const std::size_t size = mapping.size();
-  image.pixels_ = {static_cast<float*>(mapping.release()), Free(size)};
+  image.pixels_.get_deleter().mapped = mapping.size();
+  image.pixels_.reset(static_cast<float*>(mapping.release()));
   return image;
 }
 
-Image::Image(int width, int height, int channels) : width_(width), height_(height), channels_(channels) {
+Image::Image(int width, int height, int channels, std::shared_ptr<Scratch> scratch)
+    : width_(width), height_(height), channels_(channels), scratch_(std::move(scratch)) {
   ENVCONV_ASSERT(width >= 0 && height >= 0 && channels >= 0);
   // One vector more than the pixels, so that kernels may load whole vectors at the end.
   const std::size_t bytes = (value_count() * sizeof(float) + room - 1) / 64 * 64;
-  // Large images on huge pages: random reads of a panorama otherwise miss the address translation cache.
-  constexpr std::size_t huge_page = std::size_t{2} << 20;
-  const bool large = bytes >= 4 * huge_page;
+  if (scratch_ && bytes >= Scratch::least_bytes) {
+    pixels_.reset(static_cast<float*>(scratch_->allocate(bytes)));
+    pixels_.get_deleter().scratch = scratch_;
+    return;
+  }
+  const bool large = bytes >= large_bytes;
   const std::size_t alignment = large ? huge_page : 64;
   pixels_.reset(static_cast<float*>(std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)));
   if (!pixels_) throw std::bad_alloc();
@@ -49,10 +62,27 @@ Image::Image(int width, int height, int channels) : width_(width), height_(heigh
   std::fill(pixels_.get() + value_count(), pixels_.get() + bytes / sizeof(float), 0.0f);
 }
 
+void Image::relieve() const {
+  if (scratch_) scratch_->relieve();
+}
+
+void Image::row_touched() const {
+  scratch_->touched(static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_) * sizeof(float));
+}
+
+void Image::forget_rows_above(int y) {
+  ENVCONV_ASSERT(!empty() && y >= 0 && y <= height_);
+  const std::size_t row_bytes = static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_) * sizeof(float);
+  // Whole huge pages: a part of one would stay.
+  const std::size_t bytes = static_cast<std::size_t>(y) * row_bytes / huge_page * huge_page;
+  if (bytes == 0 || value_count() * sizeof(float) < large_bytes) return;
+  forget_pages(pixels_.get(), bytes);
+}
+
 void Image::fill(float value) { std::fill_n(data(), value_count(), value); }
 
 Image Image::clone() const {
-  Image copy(width_, height_, channels_);
+  Image copy = sibling(width_, height_, channels_);
   std::memcpy(copy.data(), data(), value_count() * sizeof(float));
   return copy;
 }

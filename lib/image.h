@@ -16,13 +16,15 @@
 namespace envconv {
 
 class MappedMemory;
+class Scratch;
 
 /// A rectangle of float pixels, channels interleaved, rows contiguous, top row first: [height][width][channels].
-/// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.
+/// Movable, not copyable by accident (see clone()).  New pixels are uninitialised.  Pixels live in memory, or where a
+/// Scratch is given in its files.  Constructors throw std::bad_alloc.
 class Image {
  public:
   Image() = default;
-  Image(int width, int height, int channels);
+  Image(int width, int height, int channels, std::shared_ptr<Scratch> scratch = nullptr);
   /// A size and no pixels: empty() is true.
   static Image without_pixels(int width, int height, int channels) {
     Image image;
@@ -45,32 +47,48 @@ class Image {
   std::size_t pixel_count() const { return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_); }
   std::size_t value_count() const { return pixel_count() * static_cast<std::size_t>(channels_); }
 
-  float* row(int y) { return pixels_.get() + row_start(y); }
-  const float* row(int y) const { return pixels_.get() + row_start(y); }
+  float* row(int y) { return relieved() + row_start(y); }
+  const float* row(int y) const { return relieved() + row_start(y); }
   float* at(int x, int y) { return pixels_.get() + row_start(y) + column_start(x); }
   const float* at(int x, int y) const { return pixels_.get() + row_start(y) + column_start(x); }
   float* data() { return pixels_.get(); }
   const float* data() const { return pixels_.get(); }
 
   void fill(float value);
-  Image clone() const;
+  Image clone() const;  ///< lives where this one does
+
+  /// A new image that lives where this one does.
+  Image sibling(int width, int height, int channels) const { return {width, height, channels, scratch_}; }
+  /// nullptr for images in memory.
+  const std::shared_ptr<Scratch>& scratch() const { return scratch_; }
+  /// Scratch::relieve(), where that is what this image lives in: for loops over many texels that do not ask for rows,
+  /// since row() does it.
+  void relieve() const;
+  /// What the rows above `y` hold is not needed any more: a large image gives their memory back to the system.
+  void forget_rows_above(int y);
 
  private:
   std::size_t row_start(int y) const {
     ENVCONV_ASSERT(!empty() && y >= 0 && y < height_);
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_);
   }
+  float* relieved() const {
+    if (pixels_.get_deleter().scratch) row_touched();
+    return pixels_.get();
+  }
+  void row_touched() const;
   std::size_t column_start(int x) const {
     ENVCONV_ASSERT(x >= 0 && x < width_);
     return static_cast<std::size_t>(x) * static_cast<std::size_t>(channels_);
   }
   struct Free {
     Free() {}
-    explicit Free(std::size_t bytes) : mapped(bytes) {}
-    std::size_t mapped = 0;  // bytes of a mapping, or 0
+    std::size_t mapped = 0;            // bytes of a mapping, or 0
+    std::shared_ptr<Scratch> scratch;  // that the pixels are from, or nullptr
     void operator()(float* p) const;
   };
   int width_ = 0, height_ = 0, channels_ = 0;
+  std::shared_ptr<Scratch> scratch_;       // for this image or, when it is small, for what is made from it
   std::unique_ptr<float[], Free> pixels_;  // aligned to 64 bytes
 };
 

@@ -110,8 +110,7 @@ class ModuleDecoder final : public Decoder {
   const FileSpec& spec() const override { return spec_; }
   Result<Ok> decode(int, void* pixels) override {
     const PictureSpec& p = spec_.pictures.front();
-    const std::size_t bytes = static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.height) *
-                              static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
+    const std::size_t bytes = bytes_of_rows(p, p.height);
     char error[1024] = "";
     if (module_.read(handle_, pixels, bytes, error, sizeof error)) return Ok{};
     return Error{ErrorCode::input, std::string("truncated or damaged: ") + error};

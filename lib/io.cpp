@@ -121,6 +121,20 @@ Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limi
                                 " (--max-pixels raises it)"};
 }
 
+std::size_t bytes_of_rows(const PictureSpec& picture, int rows) {
+  return static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(rows) *
+         static_cast<std::size_t>(picture.channels.count()) * size_of(picture.element);
+}
+
+int band_rows(const PictureSpec& picture, int multiple, int least) {
+  constexpr std::size_t usual = std::size_t{16} << 20, most = 4 * usual;
+  const std::size_t row = bytes_of_rows(picture, 1);
+  const std::size_t rows = std::max(usual / row, std::min(static_cast<std::size_t>(least), most / row)) + 1;
+  const auto block = static_cast<std::size_t>(multiple);
+  const std::size_t band = (rows + block - 1) / block * block;
+  return band < static_cast<std::size_t>(picture.height) ? static_cast<int>(band) : 0;
+}
+
 Error no_memory_for(std::size_t bytes) {
   return {ErrorCode::limit, "not enough memory: the picture needs " + std::to_string(bytes >> 20) + " MB"};
 }
@@ -287,7 +301,13 @@ struct Upright {
   }
 };
 
-void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Image& image) {
+struct Rows {
+  int first, count;
+};
+
+// `elements` are those of some rows.
+void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Rows rows,
+               Image& image) {
   const Upright upright(picture, spec.orientation);
   const int channels = picture.channels.count(), alpha = picture.channels.alpha;
   const Curve curve = curve_of(spec);
@@ -300,14 +320,14 @@ void to_linear(const void* elements, const PictureSpec& picture, const FileSpec&
     for (int i = 0; i <= top; ++i) table.push_back(static_cast<float>(curve(static_cast<double>(i) / top)));
   }
   const bool curved = spec.transfer != Transfer::linear;
-  tbb::parallel_for(0, picture.height, [&](int row) {
+  tbb::parallel_for(0, rows.count, [&](int row) {
     const std::size_t begin =
         static_cast<std::size_t>(row) * static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(channels);
     std::vector<float> value(static_cast<std::size_t>(channels));
     for (int column = 0; column < picture.width; ++column) {
       const std::size_t at = begin + static_cast<std::size_t>(column) * static_cast<std::size_t>(channels);
       int x = 0, y = 0;
-      upright.place(column, row, x, y);
+      upright.place(column, rows.first + row, x, y);
       float* to = image.at(x, y);
       const auto raw = [&](int c) -> std::uint32_t {
         return picture.element == PixelType::uint8
@@ -385,6 +405,28 @@ Result<std::unique_ptr<PixelSource>> open_source(const std::string& format, int 
   return std::unique_ptr<PixelSource>(std::move(decoder));
 }
 
+// The pixels of an image in scratch storage, some megabytes at a time.
+Result<Ok> decode_bands(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options, bool direct,
+                        Image& image) {
+  const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
+  const int band = rows_at_a_time(p);
+  std::unique_ptr<void, FreeBytes> elements;
+  if (!direct) {
+    elements.reset(std::malloc(bytes_of_rows(p, band)));
+    if (!elements) throw std::bad_alloc();
+  }
+  for (int first = 0; first < p.height; first += band) {
+    const int rows = std::min(band, p.height - first);
+    image.relieve();
+    void* to = direct ? image.row(first) : elements.get();
+    // What a damaged chunk leaves out is black, not whatever was in memory.
+    if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));
+    ENVCONV_CHECK(source.decode_rows(number, first, rows, to));
+    if (!direct) to_linear(elements.get(), p, spec, drops_alpha(p, options), {first, rows}, image);
+  }
+  return Ok{};
+}
+
 // Gives the image, which has a size, its pixels.  `spec` is the source's, with its colours settled.
 Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options,
                           Image& image) {
@@ -392,12 +434,28 @@ Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number,
   const bool drop_alpha = drops_alpha(p, options);
   const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
                       spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
+  if (options.scratch) {
+    image = Image(image.width(), image.height(), image.channels(), options.scratch);
+    return decode_bands(source, spec, number, options, direct, image);
+  }
   ENVCONV_TRY(MappedMemory elements, source.pixels(number));
   if (direct) {
     image = Image::adopt(image.width(), image.height(), image.channels(), std::move(elements));
-  } else {
-    image = Image(image.width(), image.height(), image.channels());
-    to_linear(elements.data(), p, spec, drop_alpha, image);
+    return Ok{};
+  }
+  image = Image(image.width(), image.height(), image.channels());
+  // What has become floats is given back, so that there are never two pictures in memory.
+  constexpr std::size_t kAtOnce = std::size_t{16} << 20, kPage = 4096;
+  const int rows_at_once =
+      static_cast<int>(std::min<std::size_t>(kAtOnce / bytes_of_rows(p, 1) + 1, static_cast<std::size_t>(p.height)));
+  auto* const bytes = static_cast<char*>(elements.data());
+  std::size_t forgotten = 0;
+  for (int first = 0; first < p.height; first += rows_at_once) {
+    const int rows = std::min(rows_at_once, p.height - first);
+    to_linear(bytes + bytes_of_rows(p, first), p, spec, drop_alpha, {first, rows}, image);
+    const std::size_t done = bytes_of_rows(p, first + rows) / kPage * kPage;
+    forget_pages(bytes + forgotten, done - forgotten);
+    forgotten = done;
   }
   return Ok{};
 }

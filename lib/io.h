@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -62,6 +63,9 @@ struct ReadOptions {
   /// The alpha channel is left out, and colour is as stored: that of EXR is what lies over black, and that of PNG,
   /// which keeps colour apart from alpha, is not multiplied by it.
   bool drop_alpha = false;
+  /// Where large pictures are kept instead of in memory; nullptr: in memory.  Looked at after `accept`, which may be
+  /// what sets it.
+  std::shared_ptr<Scratch> scratch{};
   /// Asked, once the header is known and before there is memory for pixels, whether to go on; its error is the
   /// result.  It may take its time.  The images have a size and no pixels.  Not asked with header_only.
   std::function<Result<Ok>(const PictureFile& header)> accept{};

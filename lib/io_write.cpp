@@ -317,6 +317,7 @@ Result<Ok> compare(const Picture& written, const Picture& read, PixelType type, 
   };
   double difference = 0, sum = 0;
   for (int y = 0; y < a.height(); ++y) {
+    a.relieve();
     for (int x = 0; x < a.width(); ++x) {
       float peak = 0;
       for (int c = 0; c < channels; ++c) peak = std::max(peak, std::abs(a.at(x, y)[c]));
@@ -379,6 +380,7 @@ Result<Ok> verify_level(const OutputFile& file, int level, const std::vector<Pic
   how.as_stored = options.encoding == Encoding::as_is;
   how.threads = options.threads;
   how.level = level;
+  how.scratch = pictures.front().image.scratch();
   auto read = read_file(file.temporary(), how);
   if (!read) {
     const ErrorCode code = read.error().code == ErrorCode::limit ? ErrorCode::limit : ErrorCode::output;

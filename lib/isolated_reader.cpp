@@ -24,7 +24,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -32,211 +31,17 @@
 #include <cstring>
 #include <ctime>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "exr.h"
 #include "imageio_loader.h"
+#include "isolated_messages.h"
 
 namespace envconv {
 namespace {
 
-constexpr std::size_t kMaxMessage = 128 * 1024;  // below the usual limit of a socket's buffer
-constexpr int kOpenSeconds = 20;                 // to understand a header
-
-// --- messages ------------------------------------------------------------------------------------------------------
-
-enum class Kind : std::uint32_t { request, spec, failure, go, done, death };
-
-class Writer {
- public:
-  explicit Writer(Kind kind) { number(static_cast<std::int64_t>(kind)); }
-  void number(std::int64_t v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
-  void real(float v) { bytes_.append(reinterpret_cast<const char*>(&v), sizeof v); }
-  void text(const std::string& v) {
-    number(static_cast<std::int64_t>(v.size()));
-    bytes_ += v;
-  }
-  const std::string& bytes() const { return bytes_; }
-
- private:
-  std::string bytes_;
-};
-
-// Reads what another process wrote, which may be anything: a missing or senseless item makes good() false for ever.
-class Reader {
- public:
-  explicit Reader(std::string bytes) : bytes_(std::move(bytes)) {}
-  std::int64_t number(std::int64_t low, std::int64_t high) {
-    std::int64_t v = low;
-    take(&v, sizeof v);
-    if (v < low || v > high) good_ = false;
-    return good_ ? v : low;
-  }
-  float real() {
-    float v = 0;
-    take(&v, sizeof v);
-    return v;
-  }
-  std::string text(std::size_t limit) {
-    const auto size = static_cast<std::size_t>(number(0, static_cast<std::int64_t>(limit)));
-    if (!good_ || size > bytes_.size() - at_) {
-      good_ = false;
-      return {};
-    }
-    at_ += size;
-    return bytes_.substr(at_ - size, size);
-  }
-  bool good() const { return good_; }
-
- private:
-  void take(void* to, std::size_t size) {
-    if (!good_ || size > bytes_.size() - at_) {
-      good_ = false;
-      return;
-    }
-    std::memcpy(to, bytes_.data() + at_, size);
-    at_ += size;
-  }
-  std::string bytes_;
-  std::size_t at_ = 0;
-  bool good_ = true;
-};
-
-bool send_message(int socket, const std::string& bytes, std::vector<int> fds = {}) {
-  iovec part{const_cast<char*>(bytes.data()), bytes.size()};
-  alignas(cmsghdr) char control[CMSG_SPACE(2 * sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  if (!fds.empty()) {
-    message.msg_control = control;
-    message.msg_controllen = CMSG_SPACE(fds.size() * sizeof(int));
-    cmsghdr* header = CMSG_FIRSTHDR(&message);
-    header->cmsg_level = SOL_SOCKET;
-    header->cmsg_type = SCM_RIGHTS;
-    header->cmsg_len = CMSG_LEN(fds.size() * sizeof(int));
-    std::memcpy(CMSG_DATA(header), fds.data(), fds.size() * sizeof(int));
-  }
-  ssize_t sent;
-  do {
-    sent = ::sendmsg(socket, &message, MSG_NOSIGNAL);
-  } while (sent < 0 && errno == EINTR);
-  return sent == static_cast<ssize_t>(bytes.size());
-}
-
-// False at the end, or on an error.  Descriptors that came along are the caller's.
-bool receive_message(int socket, std::string& bytes, std::vector<int>& fds) {
-  bytes.resize(kMaxMessage);
-  fds.clear();
-  iovec part{bytes.data(), bytes.size()};
-  alignas(cmsghdr) char control[CMSG_SPACE(4 * sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  message.msg_controllen = sizeof control;
-  ssize_t got;
-  do {
-    got = ::recvmsg(socket, &message, MSG_CMSG_CLOEXEC);
-  } while (got < 0 && errno == EINTR);
-  for (cmsghdr* header = CMSG_FIRSTHDR(&message); got >= 0 && header; header = CMSG_NXTHDR(&message, header)) {
-    if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS) continue;
-    const std::size_t count = (header->cmsg_len - CMSG_LEN(0)) / sizeof(int);
-    for (std::size_t i = 0; i < count; ++i) {
-      int fd;
-      std::memcpy(&fd, CMSG_DATA(header) + i * sizeof(int), sizeof fd);
-      fds.push_back(fd);
-    }
-  }
-  if (got <= 0 || (message.msg_flags & MSG_TRUNC)) return false;
-  bytes.resize(static_cast<std::size_t>(got));
-  return true;
-}
-
-std::string pack(const FileSpec& spec) {
-  Writer w(Kind::spec);
-  w.text(spec.compression);
-  w.number(static_cast<int>(spec.transfer));
-  w.real(spec.gamma);
-  w.number(spec.primaries.has_value());
-  for (const double v : chromaticity_values(spec.primaries.value_or(Chromaticities{}))) w.real(static_cast<float>(v));
-  w.text(spec.color_how);
-  w.number(spec.unassociated);
-  w.number(spec.orientation);
-  w.number(spec.levels);
-  w.number(static_cast<std::int64_t>(spec.pictures.size()));
-  for (const PictureSpec& picture : spec.pictures) {
-    w.text(picture.name);
-    w.number(picture.width);
-    w.number(picture.height);
-    w.number(picture.channels.count());
-    for (const std::string& name : picture.channels.names) w.text(name);
-    w.number(picture.channels.alpha);
-    w.number(static_cast<int>(picture.type));
-    w.number(static_cast<int>(picture.element));
-  }
-  w.number(static_cast<std::int64_t>(spec.metadata.size()));
-  for (const auto& [name, value] : spec.metadata) {
-    w.text(name);
-    w.text(value);
-  }
-  w.number(static_cast<std::int64_t>(spec.warnings.size()));
-  for (const std::string& warning : spec.warnings) w.text(warning);
-  return w.bytes();
-}
-
-// The kind was read already.
-bool unpack(Reader& r, FileSpec& spec) {
-  constexpr std::size_t kText = 4096;
-  constexpr std::int64_t kSize = 0x7FFFFFFF;
-  spec.compression = printable(r.text(kText));
-  spec.transfer = static_cast<Transfer>(r.number(0, 3));
-  spec.gamma = r.real();
-  if (!(spec.gamma > 0.01f && spec.gamma < 100.f)) spec.gamma = 1;
-  const bool has_primaries = r.number(0, 1) != 0;
-  std::array<double, 8> chromaticities{};
-  for (double& v : chromaticities) v = static_cast<double>(r.real());
-  if (has_primaries) spec.primaries = usable_primaries(chromaticities);
-  spec.color_how = printable(r.text(kText));
-  spec.unassociated = r.number(0, 1) != 0;
-  spec.orientation = static_cast<int>(r.number(1, 8));
-  spec.levels = static_cast<int>(r.number(1, 64));
-  const auto pictures = r.number(1, kMaxPictures);
-  for (std::int64_t i = 0; i < pictures && r.good(); ++i) {
-    PictureSpec picture;
-    picture.name = r.text(kText);
-    picture.width = static_cast<int>(r.number(1, kSize));
-    picture.height = static_cast<int>(r.number(1, kSize));
-    const auto channels = r.number(1, kMaxChannels);
-    for (std::int64_t c = 0; c < channels && r.good(); ++c) picture.channels.names.push_back(r.text(kText));
-    picture.channels.alpha = static_cast<int>(r.number(-1, channels - 1));
-    picture.type = static_cast<PixelType>(r.number(0, static_cast<int>(PixelType::bc6h)));
-    picture.element = static_cast<PixelType>(r.number(0, 4));
-    spec.pictures.push_back(std::move(picture));
-  }
-  const auto entries = r.number(0, 256);
-  for (std::int64_t i = 0; i < entries && r.good(); ++i) {
-    const std::string name = r.text(kText);
-    spec.metadata[name] = r.text(kMaxMessage);
-  }
-  const auto warnings = r.number(0, 256);
-  for (std::int64_t i = 0; i < warnings && r.good(); ++i) spec.warnings.push_back(printable(r.text(kText)));
-  return r.good();
-}
-
-Writer failure(const Error& error) {
-  Writer w(Kind::failure);
-  w.number(static_cast<int>(error.code));
-  w.text(error.message.substr(0, 2048));
-  return w;
-}
-
-Error unpack_failure(Reader& r) {
-  const auto code = r.number(2, 70);
-  const std::string text = printable(r.text(4096));
-  // A decoder has only these two to say.
-  return {code == static_cast<int>(ErrorCode::limit) ? ErrorCode::limit : ErrorCode::input, text};
-}
+constexpr int kOpenSeconds = 20;  // to understand a header
 
 // --- the child -----------------------------------------------------------------------------------------------------
 
@@ -273,6 +78,24 @@ Plan plan_of(const FileSpec& spec) {
   return plan;
 }
 
+// For pictures that go elsewhere, the memory that both sides share: two places, each for the largest band of rows of
+// all pictures, so that one band is decoded while the one before is copied.
+struct Window {
+  std::size_t place = 0;  // bytes
+  explicit Window(const FileSpec& spec) {
+    for (const PictureSpec& picture : spec.pictures) {
+      const std::size_t bytes = bytes_of_rows(picture, rows_at_a_time(picture));
+      place = std::max(place, (bytes + 65535) / 65536 * 65536);
+      two = two || picture.band > 0 || spec.pictures.size() > 1;
+    }
+  }
+  std::size_t bytes() const { return two ? 2 * place : place; }
+  std::size_t offset(std::int64_t turn) const { return two && turn % 2 ? place : 0; }
+
+ private:
+  bool two = false;
+};
+
 // Seconds that a decoder may take: generous for a machine that is busy.
 int decode_seconds(const FileSpec& spec) {
   double values = 0;
@@ -280,6 +103,60 @@ int decode_seconds(const FileSpec& spec) {
     values += static_cast<double>(picture.width) * picture.height * picture.channels.count();
   }
   return static_cast<int>(std::min(20 + values / 500e3, 86400.));
+}
+
+// What both ways of decoding have in common: memory that is shared with the caller, and limits for decoding.
+class ChildsMemory {
+ public:
+  ChildsMemory(int shared, std::size_t bytes, const FileSpec& spec, std::uint64_t base, int threads) {
+    const auto seconds = static_cast<std::uint64_t>(decode_seconds(spec));
+    limit_resource(RLIMIT_CPU, seconds * static_cast<std::uint64_t>(threads) + kOpenSeconds);
+    // What is shared, and for the codec's own copies three times the pictures, as some hold all of them.
+    limit_resource(RLIMIT_AS, base + bytes + 3 * plan_of(spec).bytes);
+    mapping_ = MappedMemory::of_file(shared, 0, bytes);
+    if (!mapping_.data()) throw std::bad_alloc();
+  }
+  char* at(std::size_t offset) const { return static_cast<char*>(mapping_.data()) + offset; }
+
+ private:
+  MappedMemory mapping_;
+};
+
+// Decodes all pictures.
+Result<Ok> decode_all_for_caller(int shared, Decoder& decoder, std::uint64_t base, int threads) {
+  const FileSpec& spec = decoder.spec();
+  const Plan plan = plan_of(spec);
+  const ChildsMemory memory(shared, plan.bytes, spec, base, threads);
+  ::alarm(static_cast<unsigned>(decode_seconds(spec)));
+  for (std::size_t i = 0; i < spec.pictures.size(); ++i)
+    ENVCONV_CHECK(decoder.decode(static_cast<int>(i), memory.at(plan.offsets[i])));
+  return Ok{};
+}
+
+// Decodes the rows that the caller asks for, and says so each time, until it has enough.
+Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std::uint64_t base, int threads) {
+  const FileSpec& spec = decoder.spec();
+  const Window window(spec);
+  const ChildsMemory memory(shared, window.bytes(), spec, base, threads);
+  std::string bytes;
+  std::vector<int> fds;
+  for (std::int64_t turn = 0;; ++turn) {
+    // Waiting for the caller is not decoding.
+    ::alarm(0);
+    if (!receive_message(socket, bytes, fds)) ::_exit(0);
+    MessageReader request(std::move(bytes));
+    const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
+    const auto number = static_cast<int>(request.number(0, static_cast<std::int64_t>(spec.pictures.size()) - 1));
+    const PictureSpec& picture = spec.pictures[static_cast<std::size_t>(number)];
+    const auto first = static_cast<int>(request.number(0, picture.height - 1));
+    const auto count = static_cast<int>(request.number(1, picture.height - first));
+    if (kind != MessageKind::rows || !request.good()) ::_exit(0);
+    ::alarm(static_cast<unsigned>(decode_seconds(spec)));
+    char* const to = memory.at(window.offset(turn));
+    if (turn > 1) std::memset(to, 0, bytes_of_rows(picture, count));
+    ENVCONV_CHECK(decoder.decode_rows(number, first, count, to));
+    if (!send_message(socket, MessageWriter(MessageKind::done).bytes())) ::_exit(0);
+  }
 }
 
 [[noreturn]] void run_child(int socket, int file, const std::string& format, const DecoderOptions& options,
@@ -319,19 +196,11 @@ int decode_seconds(const FileSpec& spec) {
     std::string bytes;
     std::vector<int> fds;
     if (!receive_message(socket, bytes, fds) || fds.size() != 1) ::_exit(0);  // the header was all that was wanted
-    const Plan plan = plan_of(spec);
-    const int seconds = decode_seconds(spec);
-    ::alarm(static_cast<unsigned>(seconds));
-    limit_resource(RLIMIT_CPU, static_cast<std::uint64_t>(seconds) * threads + kOpenSeconds);
-    // The mapping, and for the codec's own copies three times that, as some hold the whole picture.
-    limit_resource(RLIMIT_AS, base + plan.bytes * 4);
-    void* memory = ::mmap(nullptr, plan.bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fds[0], 0);
-    if (memory == MAP_FAILED) finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
-    for (std::size_t i = 0; i < spec.pictures.size(); ++i) {
-      const auto result = (*decoder)->decode(static_cast<int>(i), static_cast<char*>(memory) + plan.offsets[i]);
-      if (!result) finish(failure(result.error()).bytes());
-    }
-    finish(Writer(Kind::done).bytes());
+    const bool whole =
+        static_cast<MessageKind>(MessageReader(std::move(bytes)).number(0, kMessageKinds - 1)) == MessageKind::go;
+    const auto result = whole ? decode_all_for_caller(fds[0], **decoder, base, static_cast<int>(threads))
+                              : decode_rows_for_caller(socket, fds[0], **decoder, base, static_cast<int>(threads));
+    finish(result ? MessageWriter(MessageKind::done).bytes() : failure(result.error()).bytes());
   } catch (const std::bad_alloc&) {
     finish(failure({ErrorCode::limit, "not enough memory to decode it"}).bytes());
   } catch (...) {
@@ -386,7 +255,7 @@ struct Child {
     for (pid_t pid; (pid = ::waitpid(-1, &status, WNOHANG)) > 0;) {
       const auto child = std::find_if(children.begin(), children.end(), [&](const Child& c) { return c.pid == pid; });
       if (child == children.end()) continue;
-      Writer death(Kind::death);
+      MessageWriter death(MessageKind::death);
       death.number(WIFSIGNALED(status) ? WTERMSIG(status) : 0);
       send_message(child->socket, death.bytes());
       ::close(child->socket);
@@ -399,15 +268,15 @@ struct Child {
       for (const Child& child : children) ::kill(child.pid, SIGKILL);
       ::_exit(0);
     }
-    Reader request(std::move(bytes));
-    const auto kind = static_cast<Kind>(request.number(0, 5));
+    MessageReader request(std::move(bytes));
+    const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
     const std::string format = request.text(64);
     DecoderOptions options;
     options.max_pixels = request.number(0, INT64_MAX);
     options.threads = static_cast<int>(request.number(1, 1024));
     options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
     const std::string hook = request.text(64);
-    if (kind != Kind::request || !request.good() || fds.size() != 2) {
+    if (kind != MessageKind::request || !request.good() || fds.size() != 2) {
       for (const int fd : fds) ::close(fd);
       continue;
     }
@@ -498,7 +367,7 @@ class IsolatedReader final : public PixelSource {
   }
 
   Result<Ok> open(const std::string& format, int fd, const DecoderOptions& options) {
-    Writer request(Kind::request);
+    MessageWriter request(MessageKind::request);
     request.text(format);
     request.number(options.max_pixels);
     request.number(options.threads);
@@ -527,8 +396,8 @@ class IsolatedReader final : public PixelSource {
       if (socket_ >= 0) ::close(socket_);
       socket_ = sockets[0];
       if (!sent) continue;
-      Reader reply("");
-      Kind kind = Kind::death;
+      MessageReader reply("");
+      MessageKind kind = MessageKind::death;
       // Loading the image library comes on top of the child's own limit.
       const auto got = receive(kOpenSeconds + 20, kind, reply);
       if (!got) {
@@ -541,7 +410,12 @@ class IsolatedReader final : public PixelSource {
         z.control = -1;
         continue;
       }
-      if (kind != Kind::spec || !unpack(reply, spec_)) return senseless();
+      if (kind != MessageKind::spec || !unpack(reply, spec_)) return senseless();
+      theirs_ = spec_;
+      // What the child decodes whole can be taken in bands all the same.
+      for (PictureSpec& picture : spec_.pictures) {
+        if (picture.band == 0) picture.band = band_rows(picture, 1);
+      }
       return Ok{};
     }
     return error;
@@ -554,38 +428,135 @@ class IsolatedReader final : public PixelSource {
     return std::move(memory_[static_cast<std::size_t>(picture)]);
   }
 
+  Result<Ok> decode_rows(int picture, int first, int count, void* pixels) override {
+    ENVCONV_CHECK(share_window());
+    const PictureSpec& p = spec_.pictures[static_cast<std::size_t>(picture)];
+    auto* to = static_cast<char*>(pixels);
+    while (count > 0) {
+      ENVCONV_CHECK(await(picture, first));
+      const int rows = std::min(count, ready_.end - first);
+      copy(first, rows, to);
+      to += bytes_of_rows(p, rows);
+      first += rows;
+      count -= rows;
+    }
+    return Ok{};
+  }
+
  private:
   static Error senseless() {
     return {ErrorCode::input, "the reader gave a senseless answer; the file is damaged, or made to do harm"};
   }
 
-  Result<Ok> decode_all() {
-    const Plan plan = plan_of(spec_);
+  // So many bytes that both sides will see: a descriptor for the child, which is closed after it was sent.
+  static Result<int> shared_file(std::size_t bytes) {
     const int fd = static_cast<int>(::memfd_create("envconv-pixels", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (fd < 0) return Error{ErrorCode::limit, std::string("no shared memory: ") + std::strerror(errno)};
     // Sealed: a child that shrank it would make this process die on the next access.
-    bool mapped = ::ftruncate(fd, static_cast<off_t>(plan.bytes)) == 0 &&
-                  ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0;
+    if (::ftruncate(fd, static_cast<off_t>(bytes)) == 0 &&
+        ::fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0)
+      return fd;
+    ::close(fd);
+    return no_memory_for(bytes);
+  }
+
+  Result<Ok> decode_all() {
+    const Plan plan = plan_of(spec_);
+    ENVCONV_TRY(const int fd, shared_file(plan.bytes));
+    bool mapped = true;
     for (std::size_t i = 0; mapped && i < plan.offsets.size(); ++i) {
       memory_.push_back(MappedMemory::of_file(fd, plan.offsets[i], bytes_of(spec_.pictures[i])));
       mapped = memory_.back().data() != nullptr;
     }
-    const bool sent = mapped && send_message(socket_, Writer(Kind::go).bytes(), {fd});
+    const bool sent = mapped && send_message(socket_, MessageWriter(MessageKind::go).bytes(), {fd});
     ::close(fd);
     if (!mapped) return no_memory_for(plan.bytes);
-    Reader reply("");
-    Kind kind = Kind::death;
+    MessageReader reply("");
+    MessageKind kind = MessageKind::death;
     ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) + 20 : 5, kind, reply));
-    if (kind != Kind::done) return senseless();
+    if (kind != MessageKind::done) return senseless();
     // The memory is used as it is, so nobody may write there any more.
     ended_ = true;
     ENVCONV_CHECK(receive(20, kind, reply));
-    if (kind != Kind::death) return senseless();
+    if (kind != MessageKind::death) return senseless();
     return Ok{};
   }
 
+  Result<Ok> share_window() {
+    if (window_) return Ok{};
+    const Window window(theirs_);
+    ENVCONV_TRY(const int fd, shared_file(window.bytes()));
+    shared_ = MappedMemory::of_file(fd, 0, window.bytes());
+    if (shared_.data()) send_message(socket_, MessageWriter(MessageKind::window).bytes(), {fd});
+    ::close(fd);
+    if (!shared_.data()) return no_memory_for(window.bytes());
+    window_ = window;
+    ask({0, 0, rows_at_a_time(theirs_.pictures[0])});
+    return Ok{};
+  }
+
+  // Rows [begin, end) of a picture.
+  struct Band {
+    int picture = -1, begin = 0, end = 0;
+  };
+
+  // What cannot be sent is found when the answer is awaited.
+  void ask(Band band) {
+    MessageWriter request(MessageKind::rows);
+    request.number(band.picture);
+    request.number(band.begin);
+    request.number(band.end - band.begin);
+    asked_ = band;
+    ++turn_;
+    send_message(socket_, request.bytes());
+  }
+
+  // Makes the band ready that holds a row, which comes after all that were asked for before; the one after it is
+  // decoded in the meantime.
+  Result<Ok> await(int picture, int row) {
+    while (ready_.picture != picture || row >= ready_.end) {
+      ENVCONV_CHECK(receive_done());
+      ready_ = asked_;
+      ready_place_ = static_cast<char*>(shared_.data()) + window_->offset(turn_);
+      forgotten_ = 0;
+      Band next{ready_.picture, ready_.end, 0};
+      if (next.begin == theirs_.pictures[static_cast<std::size_t>(next.picture)].height)
+        next = {next.picture + 1, 0, 0};
+      if (static_cast<std::size_t>(next.picture) == theirs_.pictures.size()) continue;
+      const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(next.picture)];
+      next.end = std::min(next.begin + rows_at_a_time(p), p.height);
+      ask(next);
+    }
+    return Ok{};
+  }
+
+  // Rows of the band that is ready.  As they are copied, what was decoded whole is given back, and what will be used
+  // again is unmapped: there are never two pictures in this process.
+  void copy(int first, int rows, char* to) {
+    constexpr std::size_t piece = std::size_t{1} << 20;
+    const PictureSpec& p = theirs_.pictures[static_cast<std::size_t>(ready_.picture)];
+    std::size_t at = bytes_of_rows(p, first - ready_.begin);
+    for (const std::size_t end = at + bytes_of_rows(p, rows); at < end;) {
+      const std::size_t size = std::min(piece, end - at);
+      std::memcpy(to, ready_place_ + at, size);
+      to += size;
+      at += size;
+      const std::size_t whole_pages = at / 4096 * 4096;
+      if (whole_pages <= forgotten_) continue;
+      ::madvise(ready_place_ + forgotten_, whole_pages - forgotten_, p.band > 0 ? MADV_DONTNEED : MADV_REMOVE);
+      forgotten_ = whole_pages;
+    }
+  }
+
+  Result<Ok> receive_done() {
+    MessageReader reply("");
+    MessageKind kind = MessageKind::death;
+    ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
+    return kind == MessageKind::done ? Result<Ok>(Ok{}) : senseless();
+  }
+
   // A spec or done, and then its death; failures, and deaths before, are errors.
-  Result<Ok> receive(int seconds, Kind& kind, Reader& reply) {
+  Result<Ok> receive(int seconds, MessageKind& kind, MessageReader& reply) {
     silent_ = false;
     timespec now;
     ::clock_gettime(CLOCK_MONOTONIC, &now);
@@ -606,18 +577,24 @@ class IsolatedReader final : public PixelSource {
       silent_ = true;
       return crashed(0);
     }
-    reply = Reader(std::move(bytes));
-    kind = static_cast<Kind>(reply.number(0, 5));
-    if (kind == Kind::failure) return unpack_failure(reply);
-    if (kind == Kind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
+    reply = MessageReader(std::move(bytes));
+    kind = static_cast<MessageKind>(reply.number(0, kMessageKinds - 1));
+    if (kind == MessageKind::failure) return unpack_failure(reply);
+    if (kind == MessageKind::death && !ended_) return crashed(static_cast<int>(reply.number(0, 64)));
     return reply.good() ? Result<Ok>(Ok{}) : senseless();
   }
 
   int socket_ = -1;
   bool silent_ = false;
-  FileSpec spec_;
-  std::vector<MappedMemory> memory_;  // of each picture, until it is asked for
+  FileSpec spec_, theirs_;            // as this delivers pictures in bands, and as the child does
+  std::vector<MappedMemory> memory_;  // of each picture that was decoded whole, until it is asked for
   bool ended_ = false;                // the child has done all it should
+  std::optional<Window> window_;
+  MappedMemory shared_;     // the window
+  std::int64_t turn_ = -1;  // of the band that was asked for last
+  Band asked_, ready_;
+  char* ready_place_ = nullptr;
+  std::size_t forgotten_ = 0;  // bytes of the ready band that are not mapped any more
 };
 
 }  // namespace

@@ -5,7 +5,10 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <memory>
 #include <numeric>
+#include <optional>
+#include <span>
 #include <string>
 
 #include "io_shared.h"
@@ -39,19 +42,41 @@ Result<std::vector<std::uint8_t>> deflated(const std::vector<std::uint8_t>& from
   return to;
 }
 
-Result<std::vector<std::uint8_t>> zstandard(const std::vector<std::uint8_t>& from, int level, int threads) {
-  ZSTD_CCtx* context = ZSTD_createCCtx();
-  if (!context) throw std::bad_alloc();
-  ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, level);
-  // With one worker or many the bytes are the same, without any they are others.
-  ZSTD_CCtx_setParameter(context, ZSTD_c_nbWorkers, thread_count(threads));
-  std::vector<std::uint8_t> to(ZSTD_compressBound(from.size()));
-  const std::size_t size = ZSTD_compress2(context, to.data(), to.size(), from.data(), from.size());
-  ZSTD_freeCCtx(context);
-  if (ZSTD_isError(size)) return Error{ErrorCode::internal, std::string("zstd: ") + ZSTD_getErrorName(size)};
-  to.resize(size);
-  return to;
-}
+// One frame of Zstandard, written as its bytes arrive.
+class ZstandardFrame {
+ public:
+  // `size`: bytes that will be added.
+  ZstandardFrame(OutputFile& file, std::uint64_t size, int level, int threads)
+      : file_(file), context_(ZSTD_createCCtx()), out_(ZSTD_CStreamOutSize()) {
+    if (!context_) throw std::bad_alloc();
+    ZSTD_CCtx_setParameter(context_.get(), ZSTD_c_compressionLevel, level);
+    // With one worker or many the bytes are the same, without any they are others.
+    ZSTD_CCtx_setParameter(context_.get(), ZSTD_c_nbWorkers, thread_count(threads));
+    ZSTD_CCtx_setPledgedSrcSize(context_.get(), size);
+  }
+  Result<Ok> add(std::span<const std::uint8_t> bytes) { return compress(bytes, ZSTD_e_continue); }
+  Result<Ok> end() { return compress({}, ZSTD_e_end); }
+
+ private:
+  Result<Ok> compress(std::span<const std::uint8_t> bytes, ZSTD_EndDirective what) {
+    ZSTD_inBuffer in{bytes.data(), bytes.size(), 0};
+    std::size_t left = 1;
+    while (what == ZSTD_e_end ? left > 0 : in.pos < in.size) {
+      ZSTD_outBuffer out{out_.data(), out_.size(), 0};
+      left = ZSTD_compressStream2(context_.get(), &out, &in, what);
+      if (ZSTD_isError(left)) return Error{ErrorCode::internal, std::string("zstd: ") + ZSTD_getErrorName(left)};
+      file_.write(out_.data(), out.pos);
+    }
+    return Ok{};
+  }
+
+  struct Free {
+    void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
+  };
+  OutputFile& file_;
+  std::unique_ptr<ZSTD_CCtx, Free> context_;
+  std::vector<std::uint8_t> out_;
+};
 
 // Exactly `size` bytes, or an error: whatever the data claims, no more than that is made.
 Result<std::vector<std::uint8_t>> inflated(const std::vector<std::uint8_t>& from, Supercompression scheme,
@@ -278,10 +303,33 @@ std::string head_of(const TextureShape& shape, const TexelFormat& format, Superc
   return out.bytes();
 }
 
-Result<std::vector<std::uint8_t>> packed(const std::vector<std::uint8_t>& bytes, const TextureCompression& compression,
-                                         int threads) {
-  if (compression.scheme == Supercompression::zstd) return zstandard(bytes, compression.level, threads);
-  return deflated(bytes, compression.level);
+// All pictures of a level, one after the other, as the file has them.  zlib's library takes only the whole.
+Result<Ok> write_level(OutputFile& file, const std::vector<Picture>& pictures, const TexelFormat& format,
+                       const TextureCompression& compression, const EncodeOptions& how, WriteReport& report,
+                       Level& level) {
+  for (const Picture& picture : pictures)
+    level.unpacked += surface_bytes(format, picture.image.width(), picture.image.height());
+  level.extent.offset = file.tell();
+  std::optional<ZstandardFrame> frame;
+  if (compression.scheme == Supercompression::zstd) frame.emplace(file, level.unpacked, compression.level, how.threads);
+  std::vector<std::uint8_t> whole;
+  for (const Picture& picture : pictures) {
+    const std::vector<std::uint8_t> bytes = encode_surface(picture, format, how, report);
+    if (frame) {
+      ENVCONV_CHECK(frame->add(bytes));
+    } else if (compression.scheme == Supercompression::zlib) {
+      whole.insert(whole.end(), bytes.begin(), bytes.end());
+    } else {
+      file.write(bytes.data(), bytes.size());
+    }
+  }
+  if (frame) ENVCONV_CHECK(frame->end());
+  if (compression.scheme == Supercompression::zlib) {
+    ENVCONV_TRY(const std::vector<std::uint8_t> small, deflated(whole, compression.level));
+    file.write(small.data(), small.size());
+  }
+  level.extent.size = file.tell() - level.extent.offset;
+  return Ok{};
 }
 
 }  // namespace
@@ -310,22 +358,7 @@ Result<Ok> write_ktx2(OutputFile& file, std::span<const std::vector<Picture>> le
   // The smallest level comes first, so that it can be shown while the others are still loading.
   for (std::size_t level = levels.size(); level-- > 0;) {
     pad_file(file, alignment_of(format, compression.scheme));
-    index[level].extent.offset = file.tell();
-    std::vector<std::uint8_t> whole;
-    for (const Picture& picture : levels[level]) {
-      const std::vector<std::uint8_t> bytes = encode_surface(picture, format, how, report);
-      index[level].unpacked += bytes.size();
-      if (compression.scheme == Supercompression::none) {
-        file.write(bytes.data(), bytes.size());
-      } else {
-        whole.insert(whole.end(), bytes.begin(), bytes.end());
-      }
-    }
-    if (compression.scheme != Supercompression::none) {
-      ENVCONV_TRY(const std::vector<std::uint8_t> small, packed(whole, compression, options.threads));
-      file.write(small.data(), small.size());
-    }
-    index[level].extent.size = file.tell() - index[level].extent.offset;
+    ENVCONV_CHECK(write_level(file, levels[level], format, compression, how, report, index[level]));
   }
   const std::string head = head_of(shape, format, compression.scheme, descriptor, pairs, index);
   file.seek(0);

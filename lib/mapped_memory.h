@@ -9,6 +9,13 @@
 
 namespace envconv {
 
+/// Gives whole pages back to the system, of a file that is mapped as well as of this process alone: they are zeros from
+/// now on.
+inline void forget_pages(void* data, std::size_t size) {
+  // Only pages of a file can be removed.
+  if (::madvise(data, size, MADV_REMOVE) != 0) ::madvise(data, size, MADV_DONTNEED);
+}
+
 /// A mapping that is undone at the end of its life; no mapping when data() is null.
 class MappedMemory {
  public:

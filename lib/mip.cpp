@@ -116,7 +116,7 @@ class Chain {
     out.channels = level0_.channels;
     for (const Image& face : level0_.faces) {
       const Size size = level_size({face.width(), face.height()}, k);
-      out.faces.emplace_back(size.width, size.height, face.channels());
+      out.faces.push_back(face.sibling(size.width, size.height, face.channels()));
     }
     levels_.push_back(std::move(out));
     omega_.emplace_back();

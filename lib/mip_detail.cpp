@@ -100,8 +100,11 @@ MipDetail::MipDetail(const EnvImage& level0, std::vector<EnvImage>& levels,
   const auto channels = static_cast<std::size_t>(level0.channels.count());
   lowest_.assign(channels, std::numeric_limits<float>::max());
   for (const Image& face : level0.faces)
-    for (std::size_t i = 0; i < face.value_count(); ++i)
-      lowest_[i % channels] = std::min(lowest_[i % channels], face.data()[i]);
+    for (int y = 0; y < face.height(); ++y) {
+      const float* v = face.row(y);
+      for (int x = 0; x < face.width(); ++x)
+        for (std::size_t c = 0; c < channels; ++c, ++v) lowest_[c] = std::min(lowest_[c], *v);
+    }
   const Layout& layout = *level0.layout;
   for (std::size_t f = 0; f < level0.faces.size() && layout.info().domain != Domain::square; ++f) {
     const Image& face = level0.faces[f];

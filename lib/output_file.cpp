@@ -78,6 +78,10 @@ std::string random_suffix() {
   return text;
 }
 
+std::string new_temporary(const std::string& folder) {
+  return folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
+}
+
 }  // namespace
 
 // The lock of a process that was killed went with it; its id must be gone as well, since a file is made before it is
@@ -131,6 +135,16 @@ std::string printable(const std::string& text) {
     }
   }
   return result;
+}
+
+// Where a file system knows no files without a name, one has ours for a moment: the next run clears it away.
+int open_nameless(const std::string& folder) {
+  int fd = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_EXCL | O_CLOEXEC, 0600);
+  if (fd >= 0 || (errno != EOPNOTSUPP && errno != EISDIR && errno != ENOENT && errno != EINVAL)) return fd;
+  const std::string name = new_temporary(folder);
+  fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (fd >= 0) ::unlink(name.c_str());
+  return fd;
 }
 
 struct OutputFile::State {
@@ -217,7 +231,7 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
   const Making making;
   if (closing) return output_error(path, "not written, since the process is ending");
   for (int attempt = 0; attempt < 100 && state->fd < 0; ++attempt) {
-    std::string name = state->folder + "/.envconv-" + std::to_string(::getpid()) + "-" + random_suffix() + ".tmp";
+    std::string name = new_temporary(state->folder);
     // Registered before it exists: a signal between the two finds nothing to remove, never a file it does not know.
     state->slot = register_temporary(name);
     state->fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);

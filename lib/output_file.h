@@ -19,6 +19,10 @@ void remove_temporaries() noexcept;
 /// locked.  Once a folder and process; writing into a folder does it too.
 void remove_stale_temporaries(const std::string& folder);
 
+/// A new file in a folder, open for reading and writing, that has no name: it is gone with its last descriptor and
+/// mapping.  -1 and errno when there is none to be had.
+int open_nameless(const std::string& folder);
+
 /// A path as it may be shown to a person: control bytes become \xNN.
 std::string printable(const std::string& text);
 

@@ -135,20 +135,41 @@ bool same_sizes(const Layout& layout, const std::vector<Image>& faces) {
   return true;
 }
 
-// Calls copy(face row pointer, packed row pointer, pixels, packed stride in values) so that the pixels of row j of an
-// unturned face land where the cell wants them; the packed stride is that between the face row's successive pixels.
+// Calls copy(face row pointer, packed row pointer, pixels, packed stride in values) so that the pixels of rows
+// [first, end) of an unturned face land where the cell wants them; the packed stride is that between the face row's
+// successive pixels.
 template <class Copy>
-void for_each_face_row(const Cell& cell, Image& face, Image& packed, Copy copy) {
+void for_each_face_row(const Cell& cell, int first, int end, Image& face, Image& packed, Copy copy) {
   const int w = cell.size.width, h = cell.size.height;
   const std::ptrdiff_t right = packed.channels();
   const std::ptrdiff_t down = static_cast<std::ptrdiff_t>(packed.width()) * packed.channels();
-  for (int j = 0; j < h; ++j) {
+  for (int j = first; j < end; ++j) {
     switch (cell.quarter_turns & 3) {
       case 0: copy(face.row(j), packed.at(cell.x, cell.y + j), w, right); break;
       case 1: copy(face.row(j), packed.at(cell.x + h - 1 - j, cell.y), w, down); break;
       case 2: copy(face.row(j), packed.at(cell.x + w - 1, cell.y + h - 1 - j), w, -right); break;
       default: copy(face.row(j), packed.at(cell.x + j, cell.y + w - 1), w, -down); break;
     }
+  }
+}
+
+// Copies between all faces and the packed image, a band of its rows after the other, so that what was copied can be
+// given back band by band: forget(y, faces' rows) is called with the packed row and each face's row above which
+// everything is done.  A face that is turned is copied as a whole when its first row comes up.
+template <class Copy, class Forget>
+void for_each_band(const PackedShape& shape, std::vector<Image>& faces, Image& packed, Copy copy, Forget forget) {
+  constexpr int band = 64;
+  std::vector<int> done(faces.size(), 0);
+  for (int y = 0; y < shape.size.height; y += band) {
+    const int below = std::min(y + band, shape.size.height);
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      const Cell& cell = shape.cells[f];
+      if (cell.y >= below || done[f] == cell.size.height) continue;
+      const int end = cell.quarter_turns & 3 ? cell.size.height : std::min(cell.size.height, below - cell.y);
+      for_each_face_row(cell, done[f], end, faces[f], packed, copy);
+      done[f] = end;
+    }
+    forget(below, done);
   }
 }
 
@@ -271,21 +292,28 @@ Image pack(const PackedShape& shape, std::vector<Image> faces) {
   ENVCONV_ASSERT(faces.size() == shape.cells.size());
   if (faces.size() == 1) return std::move(faces[0]);
   const int channels = faces[0].channels();
-  Image packed(shape.size.width, shape.size.height, channels);
+  Image packed = faces[0].sibling(shape.size.width, shape.size.height, channels);
   std::int64_t covered = 0;
   for (const Cell& cell : shape.cells) covered += std::int64_t{cell.size.width} * cell.size.height;
   if (covered != std::int64_t{shape.size.width} * shape.size.height) packed.fill(0);
   const auto pixel_bytes = static_cast<std::size_t>(channels) * sizeof(float);
-  for (std::size_t f = 0; f < faces.size(); ++f) {
-    for_each_face_row(shape.cells[f], faces[f], packed, [&](float* from, float* to, int n, std::ptrdiff_t stride) {
-      if (stride == channels) {
-        std::memcpy(to, from, static_cast<std::size_t>(n) * pixel_bytes);
-        return;
+  const auto copy = [&](float* from, float* to, int n, std::ptrdiff_t stride) {
+    if (stride == channels) {
+      std::memcpy(to, from, static_cast<std::size_t>(n) * pixel_bytes);
+      return;
+    }
+    for (int i = 0; i < n; ++i, from += channels) std::memcpy(to + i * stride, from, pixel_bytes);
+  };
+  for_each_band(shape, faces, packed, copy, [&](int, const std::vector<int>& done) {
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      if (faces[f].empty()) continue;
+      if (done[f] == shape.cells[f].size.height) {
+        faces[f] = Image();
+      } else {
+        faces[f].forget_rows_above(done[f]);
       }
-      for (int i = 0; i < n; ++i, from += channels) std::memcpy(to + i * stride, from, pixel_bytes);
-    });
-    faces[f] = Image();  // its memory is not needed any more
-  }
+    }
+  });
   return packed;
 }
 
@@ -310,17 +338,15 @@ std::vector<Image> unpack(const PackedShape& shape, Image image) {
   }
   const int channels = image.channels();
   const auto pixel_bytes = static_cast<std::size_t>(channels) * sizeof(float);
-  for (const Cell& cell : shape.cells) {
-    Image face(cell.size.width, cell.size.height, channels);
-    for_each_face_row(cell, face, image, [&](float* to, const float* from, int n, std::ptrdiff_t stride) {
-      if (stride == channels) {
-        std::memcpy(to, from, static_cast<std::size_t>(n) * pixel_bytes);
-        return;
-      }
-      for (int i = 0; i < n; ++i, to += channels) std::memcpy(to, from + i * stride, pixel_bytes);
-    });
-    faces.push_back(std::move(face));
-  }
+  for (const Cell& cell : shape.cells) faces.push_back(image.sibling(cell.size.width, cell.size.height, channels));
+  const auto copy = [&](float* to, const float* from, int n, std::ptrdiff_t stride) {
+    if (stride == channels) {
+      std::memcpy(to, from, static_cast<std::size_t>(n) * pixel_bytes);
+      return;
+    }
+    for (int i = 0; i < n; ++i, to += channels) std::memcpy(to, from + i * stride, pixel_bytes);
+  };
+  for_each_band(shape, faces, image, copy, [&](int y, const std::vector<int>&) { image.forget_rows_above(y); });
   return faces;
 }
 

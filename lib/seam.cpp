@@ -444,7 +444,7 @@ std::vector<Image> with_gutters(const EnvImage& image, int texels) {
   for (int f = 0; f < layout.face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
     const int w = face.width(), h = face.height(), channels = face.channels();
-    Image& out = grown.emplace_back(w + 2 * texels, h + 2 * texels, channels);
+    Image& out = grown.emplace_back(face.sibling(w + 2 * texels, h + 2 * texels, channels));
     tbb::parallel_for(0, out.height(), [&](int y) {
       std::vector<double> value(static_cast<std::size_t>(channels));
       const int j = y - texels;
@@ -470,7 +470,8 @@ std::vector<Image> without_gutters(const std::vector<Image>& faces, int texels) 
   std::vector<Image> middle;
   for (const Image& face : faces) {
     ENVCONV_ASSERT(face.width() > 2 * texels && face.height() > 2 * texels);
-    Image& out = middle.emplace_back(face.width() - 2 * texels, face.height() - 2 * texels, face.channels());
+    Image& out =
+        middle.emplace_back(face.sibling(face.width() - 2 * texels, face.height() - 2 * texels, face.channels()));
     for (int y = 0; y < out.height(); ++y)
       std::memcpy(out.row(y), face.at(texels, y + texels),
                   static_cast<std::size_t>(out.width()) * static_cast<std::size_t>(out.channels()) * sizeof(float));

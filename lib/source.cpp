@@ -119,11 +119,12 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
     SourceFace& s = faces_[f];
     s.pitch = static_cast<std::ptrdiff_t>(s.size.width) * channels_;
     const Image& face = image.faces[f];
+    s.image = &face;
     if (in_place) {
       s.pixels = face.data();
       continue;
     }
-    Image copy(s.size.width, s.size.height, channels_);
+    Image copy = face.sibling(s.size.width, s.size.height, channels_);
     tbb::parallel_for(0, s.size.height, [&](int y) {
       const float* from = face.row(y) + first_channel;
       float* to = copy.row(y);
@@ -148,6 +149,7 @@ std::vector<std::vector<Source::RowRange>> Source::survey(const EnvImage& image)
   }
   mean_ = sphere_mean(image, [&](int f, int x0, int y0, int width, int height) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    if (x0 == 0) s.image->relieve();  // once for some rows
     for (int y = y0; y < y0 + height; ++y) {
       float low[4], high[4];
       value_range(channels_, width, s.pixels + y * s.pitch + x0 * channels_, low, high);

@@ -31,6 +31,7 @@ namespace envconv {
 /// A face of a source.
 struct SourceFace {
   Size size;                                               ///< the face's own, without apron
+  const Image* image = nullptr;                            ///< to be asked to relieve() itself
   const float* pixels = nullptr;                           ///< the face's first texel; the image's, or an own copy's
   std::ptrdiff_t pitch = 0;                                ///< floats from row to row
   int columns = 0, rows = 0;                               ///< padded texels

@@ -3,7 +3,8 @@
 // that one and all later ones.
 //
 //     CALL  write, fsync, close, rename, open (for writing): of temporaries of ours only; read (pread of inputs,
-//           wherever); malloc (and its kin, of the process that was started; not of decoders)
+//           wherever); malloc (and its kin, of the process that was started; not of decoders); allocate
+//           (posix_fallocate: scratch storage)
 //     WHAT  ENOSPC, EIO ...: errno by number
 //
 // Allocations count from the first socketpair() on, which is the first thing in main(): what the loader and
@@ -25,8 +26,8 @@
 
 namespace {
 
-enum Call { none, call_write, call_fsync, call_close, call_rename, call_open, call_read, call_malloc, calls };
-constexpr const char* names[calls] = {"", "write", "fsync", "close", "rename", "open", "read", "malloc"};
+enum Call { none, call_write, call_fsync, call_close, call_rename, call_open, call_read, call_malloc, call_allocate, calls };
+constexpr const char* names[calls] = {"", "write", "fsync", "close", "rename", "open", "read", "malloc", "allocate"};
 
 int chosen = none;
 long first = 0;
@@ -138,6 +139,12 @@ ssize_t pread(int fd, void* data, size_t size, off_t at) {
   return real(fd, data, size, at);
 }
 ssize_t pread64(int fd, void* data, size_t size, off_t at) { return pread(fd, data, size, at); }
+
+int posix_fallocate(int fd, off_t at, off_t size) {
+  REAL(posix_fallocate);
+  return fails(call_allocate) ? code : real(fd, at, size);
+}
+int posix_fallocate64(int fd, off_t at, off_t size) { return posix_fallocate(fd, at, size); }
 
 int socketpair(int domain, int type, int protocol, int* sockets) noexcept {
   REAL(socketpair);

@@ -29,6 +29,7 @@ set(tests
   pattern_test
   recognize_test
   resample_test
+  scratch_test
   texel_format_test
   seam_test
   tiny_test)

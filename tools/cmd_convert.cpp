@@ -131,10 +131,12 @@ void add_options(Command& command, ConvertOptions& o) {
   add("Batch",
       switch_option("--keep-going", o.keep_going, "go on after a file that failed; the exit status is then 7"));
   add("Batch", switch_option("--dry-run", o.dry_run,
-                             "read headers only, and print what would be done and how much memory it would take"));
+                             "read headers only, and print what would be done and how much memory it would take, and "
+                             "of the disk where that is not enough"));
   add("General",
       count_option("--memory", "SIZE", o.memory, std::int64_t{1} << 50,
-                   "bytes that may be held at one time: 1500M, 4G; an input that needs more is refused"),
+                   "bytes that may be held at one time: 1500M, 4G; pictures that do not fit are kept on the output's "
+                   "disk meanwhile, and what needs more all the same is refused"),
       "three quarters of what is available");
   add("General", switch_option("--json", o.json,
                                "one JSON object on one line of stdout for each input, and for a batch a last one"));

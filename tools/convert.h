@@ -79,6 +79,15 @@ Result<ConvertPlan> make_plan(ConvertOptions options, const std::vector<std::str
 /// The plan of one output that has no input: `name` is its stem, and stands for it in messages.
 Result<ConvertPlan> plan_output(ConvertOptions options, const std::string& name);
 
+/// What a conversion takes of memory.
+struct MemoryPlan {
+  std::size_t peak = 0;      ///< bytes that the process will hold at most, this file being its only one
+  std::size_t needed = 0;    ///< the least --memory that allows the conversion
+  std::size_t scratch = 0;   ///< bytes of a disk that images will take when they do not fit; 0: they are in memory
+  std::string folder;        ///< where those are
+  std::size_t resident = 0;  ///< what Scratch is told then
+};
+
 /// What an input is and what it will become; all that a header tells.
 struct Shape {
   Recognition source;
@@ -89,8 +98,11 @@ struct Shape {
   std::vector<Size> faces;
   int levels = 1;
   std::size_t source_bytes = 0, result_bytes = 0;  ///< of pixels, as floats
-  std::size_t peak_memory = 0;  ///< bytes that the process will hold at most, this file being its only one
+  MemoryPlan memory;
 };
+/// The folder that a path lies in, "." when it has none.
+std::string folder_of(const std::string& path);
+
 /// Where a job's levels go.
 LevelPlace level_place(const ConvertPlan& plan, const Job& job);
 /// Pictures and levels of each of its files.
@@ -102,8 +114,8 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
 /// The same from the file's header alone.
 Result<Shape> read_shape(const ConvertPlan& plan, const Job& job);
 
-/// Bytes of the process at its highest while it converts such a file: that of reading, resampling or writing.
-std::size_t predicted_peak(const ConvertPlan& plan, const Job& job, const Shape& shape, const PictureFile& file);
+/// What such a file takes at its highest, reading, resampling or writing; and whether its images stay in memory.
+MemoryPlan plan_memory(const ConvertPlan& plan, const Job& job, const Shape& shape, const PictureFile& file);
 
 /// An error, of ErrorCode::limit, when that is more than --memory allows.
 Result<Ok> check_memory(const ConvertPlan& plan, const Job& job, const Shape& shape);

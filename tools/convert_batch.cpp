@@ -67,6 +67,10 @@ std::string sentence(const ConvertPlan& plan, const Job& job, const Shape& shape
          std::string(plan.options.packing->name) + ": " + job.output;
 }
 
+std::string scratch_text(const MemoryPlan& memory) {
+  return memory.scratch == 0 ? "" : ", and " + megabytes(memory.scratch) + " of scratch storage in " + memory.folder;
+}
+
 int print_plan(const ConvertPlan& plan) {
   int failed = 0, status = 0;
   for (const Job& job : plan.jobs) {
@@ -80,11 +84,13 @@ int print_plan(const ConvertPlan& plan) {
     if (plan.options.json) {
       ordered_json json = json_of(plan, job, shape ? &*shape : nullptr);
       json["dry_run"] = true;
-      if (shape) json["peak_memory"] = shape->peak_memory;
+      if (shape) json["peak_memory"] = shape->memory.peak;
+      if (shape) json["scratch"] = shape->memory.scratch;
       json["error"] = error ? ordered_json(error->message) : ordered_json();
       print_json(json);
     } else if (shape) {
-      print(visible(sentence(plan, job, *shape)) + "; at most " + megabytes(shape->peak_memory) + " of memory\n");
+      print(visible(sentence(plan, job, *shape)) + "; at most " + megabytes(shape->memory.peak) + " of memory" +
+            scratch_text(shape->memory) + "\n");
     }
     if (failed && !plan.options.keep_going) break;
   }
@@ -98,11 +104,6 @@ struct Ended {
   double seconds = 0;
   std::size_t peak_memory = 0;
 };
-
-std::string folder_of(const std::string& path) {
-  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
-  return parent.empty() ? "." : parent.string();
-}
 
 bool is_cancelled(const Result<Outcome>& outcome) { return !outcome && outcome.error().message.empty(); }
 

@@ -154,14 +154,21 @@ Result<Size> stored_size(const LevelOptions& options, const LevelPlace& place, i
   return shape.size;
 }
 
-std::size_t level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels) {
+LevelBytes level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels) {
+  LevelBytes bytes;
+  const auto pixels = [channels](const std::vector<Size>& sizes) {
+    std::size_t texels = 0;
+    for (const Size& size : sizes)
+      texels += static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
+    return texels * static_cast<std::size_t>(channels) * sizeof(float);
+  };
   MipOptions how = options.how;
   how.levels = levels_to_make(options, place, height);
-  std::size_t bytes = how.levels > 1 ? mip_bytes(*place.layout, height, channels, how) : 0;
-  if (options.seam.gutter() == 0) return bytes;
-  for (const Size& size : stored_sizes(*place.layout, height, 0, options.seam))
-    bytes += static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height) *
-             static_cast<std::size_t>(channels) * sizeof(float);
+  for (int k = 1; k < how.levels; ++k) bytes.images += pixels(stored_sizes(*place.layout, height, k, {}));
+  if (how.levels > 1) bytes.working = mip_bytes(*place.layout, height, channels, how) - bytes.images;
+  const std::vector<Size> grown = stored_sizes(*place.layout, height, 0, options.seam);
+  if (options.seam.gutter() > 0) bytes.gutters = pixels(grown);
+  if (options.seam.method == SeamMethod::average && options.seam.texels > 1) bytes.seams = pixels(grown);
   return bytes;
 }
 

@@ -41,8 +41,14 @@ Result<Ok> check_levels(const LevelOptions& options, const LevelPlace& place, in
 /// Size of a level's stored image: of one face where faces are apart, else of all of them.
 Result<Size> stored_size(const LevelOptions& options, const LevelPlace& place, int height, int level, int face);
 
-/// Bytes held at one time for levels and seams, besides level 0 and its packed image.
-std::size_t level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels);
+/// Bytes for levels and seams, besides level 0 and its packed image.
+struct LevelBytes {
+  std::size_t images = 0;   ///< pixels of the levels
+  std::size_t working = 0;  ///< besides these while they are made
+  std::size_t seams = 0;    ///< a copy of level 0 while its seams are fixed
+  std::size_t gutters = 0;  ///< level 0 grown by its gutters, while it is written
+};
+LevelBytes level_bytes(const LevelOptions& options, const LevelPlace& place, int height, int channels);
 
 /// Level 0, with its seams fixed, and after it all others.  `level0` has the placement that the method asks for.
 Result<std::vector<EnvImage>> make_levels(const LevelOptions& options, const LevelPlace& place, EnvImage level0,

@@ -157,8 +157,7 @@ Result<Ok> check_place(const std::string& path, const std::map<FileId, std::stri
   } else if (lstat(path.c_str(), &status) == 0) {
     return usage(path + ": is a symbolic link that leads nowhere (remove it first)");
   }
-  const fs::path parent = fs::path(path).parent_path();
-  const std::string folder = parent.empty() ? "." : parent.string();
+  const std::string folder = folder_of(path);
   if (stat(folder.c_str(), &status) != 0) {
     return Error{ErrorCode::output,
                  path + ": cannot be written: folder " + folder + ": " + std::strerror(errno) + " (create it first)"};
@@ -242,6 +241,11 @@ Result<Ok> check_outputs(const ConvertPlan& plan, const std::vector<Job>& others
 }
 
 }  // namespace
+
+std::string folder_of(const std::string& path) {
+  const fs::path parent = fs::path(path).parent_path();
+  return parent.empty() ? "." : parent.string();
+}
 
 LevelPlace level_place(const ConvertPlan& plan, const Job& job) {
   const std::string& path = job.paths.empty() ? plan.options.output : job.paths.front();
@@ -364,7 +368,7 @@ Result<Shape> shape_of(const ConvertPlan& plan, const Job& job, const PictureFil
   }
   shape.source_bytes = sizeof(float) * source_values;
   shape.result_bytes = sizeof(float) * texels * static_cast<std::size_t>(shape.channels);
-  shape.peak_memory = predicted_peak(plan, job, shape, file);
+  shape.memory = plan_memory(plan, job, shape, file);
   return shape;
 }
 

@@ -7,6 +7,7 @@
 
 #include "convert.h"
 #include "pixels.h"
+#include "scratch.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -237,7 +238,8 @@ class Conversion {
       : plan_(plan), o_(plan.options), job_(job), turn_(turn) {}
 
   // Bytes that were thought to suffice; 0 before that was known.
-  std::size_t needed() const { return reserved_; }
+  std::size_t needed() const { return needed_; }
+  const std::shared_ptr<Scratch>& scratch() const { return scratch_; }
 
   Result<Outcome> run() {
     if (o_.skip_existing && is_up_to_date(plan_, job_)) {
@@ -257,11 +259,14 @@ class Conversion {
   Result<Ok> reserve(const PictureFile& header) {
     ENVCONV_TRY(outcome_.shape, shape_of(plan_, job_, header));
     ENVCONV_CHECK(check_memory(plan_, job_, outcome_.shape));
-    const std::size_t needed = outcome_.shape.peak_memory;
+    const MemoryPlan& memory = outcome_.shape.memory;
+    // Scratch storage leaves in memory what there is room for: all that is allowed.
+    const std::size_t bytes = memory.scratch > 0 ? turn_.memory() : memory.peak;
     watch_.lap();
-    if (!turn_.reserve(needed)) return cancelled;
-    reserved_ = needed;
+    if (!turn_.reserve(bytes)) return cancelled;
+    needed_ = memory.needed;
     waited_ += watch_.lap();
+    if (memory.scratch > 0) scratch_ = std::make_shared<Scratch>(memory.folder, memory.resident);
     return Ok{};
   }
 
@@ -274,8 +279,13 @@ class Conversion {
       ENVCONV_TRY(const PictureFile header, read_input(job_.input, read));
       ENVCONV_CHECK(reserve(header));
       read.header_only = false;
+      read.scratch = scratch_;
     } else {
-      read.accept = [this](const PictureFile& header) { return reserve(header); };
+      read.accept = [this, &read](const PictureFile& header) {
+        const Result<Ok> accepted = reserve(header);
+        read.scratch = scratch_;
+        return accepted;
+      };
     }
     ENVCONV_TRY(PictureFile file, read_input(job_.input, read));
     if (file.pictures.empty()) return Error{ErrorCode::input, job_.input.name + ": holds no picture"};
@@ -309,18 +319,26 @@ class Conversion {
     options.samples = o_.samples;
     const std::int64_t texels = texel_count(*o_.layout, outcome_.shape.height);
     options.progress = [this, texels](double share) {
+      if (scratch_) scratch_->relieve();
       turn_.advance(share, static_cast<double>(texels));
       return !turn_.cancelled();
     };
     options.threads = turn_.take_cores(texels + static_cast<std::int64_t>(image_.texel_count()));
     watch_.lap();
-    Result<EnvImage> result = named(job_, resample(image_, options));
+    Result<EnvImage> result = named(job_, resample(image_, options, scratch_ ? room_for_result() : EnvImage{}));
     outcome_.resample_seconds = watch_.lap();
     turn_.release_cores();
     if (!result) return turn_.cancelled() ? cancelled : result.error();
     turn_.advance(1, static_cast<double>(texels));
     image_ = std::move(*result);
     return Ok{};
+  }
+
+  EnvImage room_for_result() const {
+    EnvImage room;
+    for (const Size& size : outcome_.shape.faces)
+      room.faces.push_back(image_.faces.front().sibling(size.width, size.height, image_.channels.count()));
+    return room;
   }
 
   Result<Ok> write() {
@@ -362,7 +380,8 @@ class Conversion {
   EnvImage image_;  // the source, then the result
   WriteOptions write_;
   OutputColor output_;
-  std::size_t reserved_ = 0;
+  std::size_t needed_ = 0;
+  std::shared_ptr<Scratch> scratch_;  // for images that do not fit into memory
   StopWatch watch_;
   double waited_ = 0;
 };
@@ -379,6 +398,12 @@ Result<Outcome> run_job(const ConvertPlan& plan, const Job& job, Batch::Turn& tu
     outcome = conversion.run();
   } catch (const std::bad_alloc&) {
     outcome = Error{ErrorCode::limit, job.input.name + ": not enough memory"};
+  }
+  if (!outcome && outcome.error().code == ErrorCode::limit && conversion.scratch()) {
+    // The storage's own reason, where it was that.
+    if (const std::optional<Error> full = conversion.scratch()->failure()) {
+      return Error{full->code, job.output + ": " + full->message, full->system};
+    }
   }
   const std::size_t needed = conversion.needed();
   if (!outcome && outcome.error().code == ErrorCode::limit && needed > 0) {

@@ -57,6 +57,8 @@ void watch_signals() {
   handle(SIGALRM, on_deadline);
   // A reader of our output that goes away must not kill us in the middle of a file; write() says EPIPE instead.
   std::signal(SIGPIPE, SIG_IGN);
+  // A file that grows beyond ulimit -f is an error of the call that let it.
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 WindingUp::WindingUp() { winding_up = true; }

@@ -74,11 +74,13 @@ std::size_t left_by_limit(__rlimit_resource resource, const std::string& key) {
 
 }  // namespace
 
+std::size_t available_address_space() { return left_by_limit(RLIMIT_AS, "VmSize:"); }
+
 std::size_t available_memory() {
   const auto pages = static_cast<std::size_t>(sysconf(_SC_PHYS_PAGES));
   const std::size_t all = pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   return std::min({kilobytes("/proc/meminfo", "MemAvailable:", all), left_by_control_groups(),
-                   left_by_limit(RLIMIT_AS, "VmSize:"), left_by_limit(RLIMIT_DATA, "VmData:")});
+                   available_address_space(), left_by_limit(RLIMIT_DATA, "VmData:")});
 }
 
 namespace {

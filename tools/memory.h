@@ -13,6 +13,9 @@ namespace envconv::tool {
 /// address space and data leave (ulimit -v, -d).
 std::size_t available_memory();
 
+/// Bytes of address space that limits leave it (ulimit -v).
+std::size_t available_address_space();
+
 /// Bytes of this process that are in memory now, and the most there ever were.
 std::size_t resident_memory();
 std::size_t resident_peak();

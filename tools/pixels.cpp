@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <utility>
 
 namespace envconv::tool {
@@ -52,43 +53,60 @@ void add_statistics(const Image& image, std::vector<ChannelStatistics>& totals) 
   }
 }
 
+namespace {
+
+// f(values of a row), for all rows.
+template <class AnyImage, class F>
+void for_each_row(AnyImage& image, F f) {
+  const std::size_t values = static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(image.channels());
+  for (int y = 0; y < image.height(); ++y) f(std::span(image.row(y), values));
+}
+
+}  // namespace
+
 float largest_color(const EnvImage& image) {
   float largest = 0;
   for (const Image& face : image.faces) {
-    const float* p = face.data();
-    for (std::size_t i = 0; i < face.pixel_count(); ++i) {
-      for (int c = 0; c < face.channels(); ++c, ++p) {
-        if (c != image.channels.alpha && *p > largest && std::isfinite(*p)) largest = *p;
+    for_each_row(face, [&](std::span<const float> row) {
+      for (std::size_t i = 0; i < row.size();) {
+        for (int c = 0; c < face.channels(); ++c, ++i) {
+          if (c != image.channels.alpha && row[i] > largest && std::isfinite(row[i])) largest = row[i];
+        }
       }
-    }
+    });
   }
   return largest;
 }
 
 std::int64_t count_nonfinite(const Image& image) {
   std::int64_t count = 0;
-  const float* p = image.data();
-  for (std::size_t i = 0; i < image.value_count(); ++i) count += !std::isfinite(p[i]);
+  for_each_row(image, [&](std::span<const float> row) {
+    for (const float v : row) count += !std::isfinite(v);
+  });
   return count;
 }
 
 void clamp_nonfinite(Image& image) {
   float largest = largest_half;
-  float* p = image.data();
-  for (std::size_t i = 0; i < image.value_count(); ++i) {
-    if (std::isfinite(p[i])) largest = std::max(largest, std::abs(p[i]));
-  }
-  for (std::size_t i = 0; i < image.value_count(); ++i) {
-    if (std::isnan(p[i])) p[i] = 0;
-    if (std::isinf(p[i])) p[i] = std::copysign(largest, p[i]);
-  }
+  for_each_row(image, [&](std::span<const float> row) {
+    for (const float v : row) {
+      if (std::isfinite(v)) largest = std::max(largest, std::abs(v));
+    }
+  });
+  for_each_row(image, [&](std::span<float> row) {
+    for (float& v : row) {
+      if (std::isnan(v)) v = 0;
+      if (std::isinf(v)) v = std::copysign(largest, v);
+    }
+  });
 }
 
 void zero_nonfinite(Image& image) {
-  float* p = image.data();
-  for (std::size_t i = 0; i < image.value_count(); ++i) {
-    if (!std::isfinite(p[i])) p[i] = 0;
-  }
+  for_each_row(image, [&](std::span<float> row) {
+    for (float& v : row) {
+      if (!std::isfinite(v)) v = 0;
+    }
+  });
 }
 
 void repair_nonfinite(Image& image) {
@@ -122,12 +140,13 @@ void repair_nonfinite(Image& image) {
 }
 
 void scale_color(Image& image, int alpha, float factor) {
-  float* p = image.data();
-  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    for (int c = 0; c < image.channels(); ++c, ++p) {
-      if (c != alpha) *p *= factor;
+  for_each_row(image, [&](std::span<float> row) {
+    for (std::size_t i = 0; i < row.size();) {
+      for (int c = 0; c < image.channels(); ++c, ++i) {
+        if (c != alpha) row[i] *= factor;
+      }
     }
-  }
+  });
 }
 
 }  // namespace envconv::tool

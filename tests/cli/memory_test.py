@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory: what is predicted, what is allowed, and what happens where there is less."""
+import errno
 import json
 import os
+import pathlib
+import re
 import resource
 import subprocess
 import sys
+import tempfile
+import time
 import unittest
 
 from harness import BINARY, SANITIZED, Case, write_constant, write_exr
 
+INJECTOR = os.path.abspath(os.environ["ENVCONV_INJECTOR"])
 MB = 1000 * 1000
 
 
@@ -56,13 +62,93 @@ class Memory(Case):
         data = self.path("in.exr").read_bytes()
         self.path("cut.exr").write_bytes(data[: len(data) // 2])
         for words in (("cut.exr", "-o", "out.exr", "--size", 2000), ("in.exr", "-o", "out.exr", "--size", 2000)):
-            self.run_tool("convert", *words, "--memory", "100M", expect=6)
-            self.says(words[0] + ": needs about", "100 MB are allowed", "--memory", "--size")
-            self.run_tool("convert", *words, "--memory", "100M", "--dry-run", expect=6).says("needs about")
+            self.run_tool("convert", *words, "--memory", "60M", expect=6)
+            self.says(words[0] + ": needs about", "60 MB are allowed", "--memory", "--size")
+            self.run_tool("convert", *words, "--memory", "60M", "--dry-run", expect=6).says("needs about")
         self.assertEqual(self.files(), ["cut.exr", "in.exr"])
         needed = self.predicted("in.exr", "-o", "out.exr", "--size", 500)
         self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 500, "--memory", needed).is_silent()
         self.run_tool("convert", "in.exr", "-o", "out.exr", "--size", 500, "--memory", needed - 1, expect=6)
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_what_does_not_fit_is_kept_on_disk(self):
+        self.make_large("in.exr", 700)
+        for name, size, more in (
+            ("out.exr", 1400, ("--type", "half", "--compression", "none")), ("out.ktx2", 1400, ("--type", "float")),
+            ("out.exr", 1400, ("--mips", "--packing", "parts", "--compression", "none")),
+            ("out.hdr", 3200, ("--to", "octahedral", "--verify")),
+        ):
+            words = ("in.exr", "-o", name, "--size", size, "--filter", "nearest", "-j", 2, *more)
+            self.run_tool("convert", *words)
+            whole = self.path(name).read_bytes()
+            self.path(name).unlink()
+            allowed = 130 * MB
+            words += ("--memory", allowed)
+            plan = self.json("convert", *words, "--dry-run")
+            self.assertGreater(plan["scratch"], 0, words)
+            peak = self.measured(*words)
+            self.assertTrue(self.path(name).read_bytes() == whole, words)
+            self.path(name).unlink()
+            self.assertLess(peak, allowed, words)
+            self.assertTrue(0.8 < plan["peak_memory"] / peak < 1.25, (words, plan["peak_memory"] / peak))
+        self.assertEqual(self.files(), ["in.exr", "small.exr"])
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_in_a_batch_too(self):
+        self.make_large("b.exr", 2048)
+        names = ["a.exr", "b.exr", "c.exr"]
+        for name in ("a.exr", "c.exr"):
+            write_constant(self.path(name))
+        self.path("out").mkdir()
+        words = (*names, "-o", "out/", "--to", "octahedral", "--filter", "nearest", "-j", 2, "--memory", 140 * MB)
+        plans = self.run_tool("convert", *words, "--dry-run", "--json").out.splitlines()
+        self.assertEqual([json.loads(plan)["scratch"] > 0 for plan in plans], [False, True, False])
+        self.assertLess(self.measured(*words), 140 * MB)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), names)
+
+    @unittest.skipIf(SANITIZED, "a sanitizer wants to be loaded first")
+    def test_a_disk_without_room_for_it(self):
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        self.path("out.exr").write_bytes(b"old")
+        words = ("convert", "in.exr", "-o", "out.exr", "--size", 2000, "--memory", 130 * MB, "--filter", "nearest")
+        # The source's, a face's and the packed image's.
+        for n, size in ((1, 2), (2, 49), (8, 289)):
+            self.run_tool(*words, expect=4, env={**os.environ, "LD_PRELOAD": INJECTOR,
+                                                 "ENVCONV_INJECT": f"allocate:{n}:{errno.ENOSPC}"})
+            self.says("out.exr: " + os.strerror(errno.ENOSPC), f"for {size} MB of scratch storage in .")
+            self.assertEqual(self.path("out.exr").read_bytes(), b"old")
+            self.assertEqual(self.files(), ["in.exr", "out.exr"])
+        # A limit on the size of files is one as well.
+        self.run_tool(*words, expect=4, preexec_fn=with_limit(resource.RLIMIT_FSIZE, 20 * MB))
+        self.says("out.exr: " + os.strerror(errno.EFBIG))
+        self.assertEqual(self.files(), ["in.exr", "out.exr"])
+
+    def test_killed_while_it_is_in_use(self):
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        words = [BINARY, "convert", "in.exr", "-o", "out.exr", "--size", "2000", "--memory", "130M", "--compression",
+                 "none", "--filter", "nearest"]
+        tool = subprocess.Popen(words, cwd=self.folder)
+        mapped = self.folder.name.encode()
+        while tool.poll() is None and mapped not in pathlib.Path(f"/proc/{tool.pid}/maps").read_bytes():
+            time.sleep(0.001)
+        self.assertIsNone(tool.poll())
+        tool.kill()
+        tool.wait()
+        for name in self.files():
+            self.assertTrue(name == "in.exr" or re.fullmatch(r"\.envconv-\d+-[0-9a-f]{12}\.tmp", name), name)
+        self.run_tool(*words[1:])
+        self.assertEqual(self.files(), ["in.exr", "out.exr"])
+
+    def test_a_folder_in_memory_is_no_place_for_it(self):
+        if not os.access("/dev/shm", os.W_OK):
+            self.fail("no /dev/shm")
+        write_constant(self.path("in.exr"), 1, 512, 256)
+        with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+            words = ("in.exr", "-o", folder + "/out.exr", "--size", 2000, "--memory", 130 * MB, "--dry-run")
+            self.run_tool("convert", *words, env={**os.environ, "TMPDIR": str(self.folder)})
+            self.assertIn(f"of scratch storage in {self.folder}", self.out)
+            self.run_tool("convert", *words, env={**os.environ, "TMPDIR": folder})
+            self.assertIn("of scratch storage in /var/tmp", self.out)
 
     def test_in_a_batch_only_the_large_one_fails(self):
         write_constant(self.path("a.exr"))
