@@ -26,7 +26,18 @@
 
 namespace {
 
-enum Call { none, call_write, call_fsync, call_close, call_rename, call_open, call_read, call_malloc, call_allocate, calls };
+enum Call {
+  none,
+  call_write,
+  call_fsync,
+  call_close,
+  call_rename,
+  call_open,
+  call_read,
+  call_malloc,
+  call_allocate,
+  calls
+};
 constexpr const char* names[calls] = {"", "write", "fsync", "close", "rename", "open", "read", "malloc", "allocate"};
 
 int chosen = none;
