@@ -260,7 +260,7 @@ class Batch(Case):
     def test_progress_counts(self):
         self.path("b.exr").write_bytes(b"damaged")
         self.run_tool("convert", "a.exr", "-o", "out/", "--size", 4)
-        done = subprocess.run([BINARY, "convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--keep-going", "-n",
+        done = subprocess.run([BINARY, "convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--size", "4", "--keep-going", "-n",
                                "--progress", "always"], cwd=self.folder, capture_output=True, timeout=60)
         self.assertEqual((done.returncode, done.stdout), (7, b""))
         self.assertIn(b" of 3", done.stderr)
