@@ -260,8 +260,8 @@ class Batch(Case):
     def test_progress_counts(self):
         self.path("b.exr").write_bytes(b"damaged")
         self.run_tool("convert", "a.exr", "-o", "out/", "--size", 4)
-        done = subprocess.run([BINARY, "convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--size", "4", "--keep-going", "-n",
-                               "--progress", "always"], cwd=self.folder, capture_output=True, timeout=60)
+        done = subprocess.run([BINARY, "convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--size", "4",
+                               "--keep-going", "-n", "--progress", "always"], cwd=self.folder, capture_output=True, timeout=60)
         self.assertEqual((done.returncode, done.stdout), (7, b""))
         self.assertIn(b" of 3", done.stderr)
         self.assertTrue(done.stderr.endswith(b"3 inputs: 1 converted, 1 skipped, 1 failed\n"))
