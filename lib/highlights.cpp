@@ -226,8 +226,8 @@ void Source::spread_highlights() {
   }
 }
 
-void Source::copy_highlights(const std::vector<Orphan>& orphans) {
-  for (const Orphan& o : orphans) {
+void Source::copy_highlights(const Orphans& orphans) {
+  orphans.for_each([&](const Orphan& o) {
     Highlights::Copy copy{o.face, o.x, o.y, o.from_face, {}, {}, {}};
     const SourceFace& s = faces_[static_cast<std::size_t>(o.from_face)];
     const int x0 = static_cast<int>(std::floor(o.from_x)), y0 = static_cast<int>(std::floor(o.from_y));
@@ -241,7 +241,7 @@ void Source::copy_highlights(const std::vector<Orphan>& orphans) {
       any = any || (e && copy.weight[k] > 0 && (e[0] != 0 || e[1] != 0 || e[2] != 0));
     }
     if (any) highlights_.copies.push_back(copy);
-  }
+  });
   for (const Highlights::Copy& c : highlights_.copies)
     block_at(c.face, c.x, c.y, true)->repeats[Highlights::place(c.x, c.y)] = true;
   repeat_highlights();

@@ -312,6 +312,31 @@ void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, con
   channels == 3 ? sum_of<3>(kernel, n, windows, weight, out) : sum_of<4>(kernel, n, windows, weight, out);
 }
 
+template <int channels>
+void sum_window_of(const float* HWY_RESTRICT texels, std::ptrdiff_t pitch, const float* HWY_RESTRICT wx,
+                   const float* HWY_RESTRICT wy, float* HWY_RESTRICT out) {
+  constexpr int side = 8;
+  const hn::CappedTag<float, 16> d;
+  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
+  constexpr int vectors = (side * channels + lanes - 1) / lanes;
+  HWY_ALIGN float columns[vectors * lanes];
+  for (int k = 0; k < vectors; ++k) {
+    auto sum = hn::Zero(d);
+    for (int j = 0; j < side; ++j)
+      sum = hn::MulAdd(hn::Set(d, wy[j]), hn::LoadU(d, texels + j * pitch + k * lanes), sum);
+    hn::Store(sum, d, columns + k * lanes);
+  }
+  for (int c = 0; c < channels; ++c) {
+    float sum = 0;
+    for (int i = 0; i < side; ++i) sum += wx[i] * columns[i * channels + c];
+    out[c] = sum;
+  }
+}
+
+void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float* wx, const float* wy, float* out) {
+  channels == 3 ? sum_window_of<3>(texels, pitch, wx, wy, out) : sum_window_of<4>(texels, pitch, wx, wy, out);
+}
+
 void combine_rows(int n, int count, const float* HWY_RESTRICT weight, const float* const* rows,
                   float* HWY_RESTRICT out) {
   const hn::ScalableTag<float> d;
@@ -328,9 +353,21 @@ using Four = hn::CappedTag<float, 4>;
 
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* HWY_RESTRICT weight,
                      const float* HWY_RESTRICT in, float* HWY_RESTRICT out) {
+  int i = 0;
+  if (phases == 1 && step == 1) {
+    // Whole vectors of texels: as many as lie side by side.
+    const hn::CappedTag<float, 16> wide;
+    const int texels = static_cast<int>(hn::Lanes(wide)) / 4;
+    const float* HWY_RESTRICT from = in + 4 * first[0];
+    for (; texels > 0 && i + texels <= n; i += texels, from += 4 * texels, out += 4 * texels) {
+      auto sum = hn::Mul(hn::Set(wide, weight[0]), hn::LoadU(wide, from));
+      for (int k = 1; k < taps; ++k) sum = hn::MulAdd(hn::Set(wide, weight[k]), hn::LoadU(wide, from + 4 * k), sum);
+      hn::StoreU(sum, wide, out);
+    }
+  }
   const Four d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  for (int i = 0, phase = 0, base = 0; i < n; ++i, out += 4) {
+  for (int phase = i % phases, base = i / phases * step; i < n; ++i, out += 4) {
     const float* HWY_RESTRICT from = in + 4 * (base + first[phase]);
     const float* HWY_RESTRICT w = weight + phase * taps;
     for (int l = 0; l < 4; l += lanes) {
@@ -640,6 +677,7 @@ namespace envconv {
 
 HWY_EXPORT(make_windows);
 HWY_EXPORT(sum_windows);
+HWY_EXPORT(sum_window);
 HWY_EXPORT(combine_samples);
 HWY_EXPORT(combine_rows);
 HWY_EXPORT(point_windows);
@@ -665,6 +703,11 @@ void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, con
 
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out) {
   HWY_DYNAMIC_DISPATCH(combine_rows)(n, count, weight, rows, out);
+}
+
+void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float wx[8], const float wy[8],
+                float* out) {
+  HWY_DYNAMIC_DISPATCH(sum_window)(channels, texels, pitch, wx, wy, out);
 }
 
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,

@@ -66,6 +66,11 @@ int point_windows(const WindowField& field, int channels, const float* face, int
 /// weight[i], the one that was given to make_windows().  Loads reach up to 16 floats past a window's row.
 void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out);
 
+/// out[channels] (3 or 4) = weighted sum over a window of 8 x 8 texels, `pitch` floats from row to row; loads reach up
+/// to 8 floats past a row.
+void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float wx[8], const float wy[8],
+                float* out);
+
 /// out[i] = sum over k < count of weight[k] * rows[k][i], for i < n; n rounded up to 16 are touched.
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);
 

@@ -36,7 +36,10 @@
 #include <limits>
 #include <memory>
 #include <new>
+#include <numeric>
 #include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include "solid_angle.h"
 #include "source.h"
@@ -48,6 +51,19 @@ namespace {
 
 constexpr int tallest_face = 1 << 24;                       // more texels than any memory
 constexpr std::size_t block_memory = std::size_t{8} << 20;  // bytes of prefiltered blocks that a thread keeps
+
+// The bits of x and y in turn.
+std::uint64_t morton_code(int x, int y) {
+  const auto spread = [](int value) {
+    auto v = static_cast<std::uint64_t>(value);
+    v = (v | v << 16) & 0x0000ffff0000ffff;
+    v = (v | v << 8) & 0x00ff00ff00ff00ff;
+    v = (v | v << 4) & 0x0f0f0f0f0f0f0f0f;
+    v = (v | v << 2) & 0x3333333333333333;
+    return (v | v << 1) & 0x5555555555555555;
+  };
+  return spread(x) | spread(y) << 1;
+}
 
 class Resampler {
  public:
@@ -154,6 +170,14 @@ class Resampler {
           tiles_.push_back({f, x, y, std::min(tile_side_, face.width() - x), std::min(tile_side_, face.height() - y)});
     }
     met_.resize(tiles_.size());
+    // Along a curve that stays close to where it was (Morton's), so that a thread's next tile reads what is in its
+    // caches, and what two threads read overlaps little.
+    order_.resize(tiles_.size());
+    std::iota(order_.begin(), order_.end(), 0u);
+    std::ranges::sort(order_, {}, [&](std::uint32_t i) {
+      const Tile& t = tiles_[i];
+      return std::pair(t.face, morton_code(t.x0 / tile_side_, t.y0 / tile_side_));
+    });
   }
 
   // Tiles of the output that see a highlight on a sliver, or are one texel away from seeing it.
@@ -189,8 +213,9 @@ class Resampler {
         [&] { return std::make_unique<Workspace>(source, filter_.kernel, most_blocks); });
     std::atomic<std::size_t> done{0};
     TileSampler sampler(source_, source, first_channel, out, source_from_out_, filter_, options_, tables_);
-    tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
+    tbb::parallel_for(std::size_t{0}, order_.size(), [&](std::size_t k) {
       if (stopped_) return;
+      const std::size_t i = order_[k];
       sampler.first_pass(*workspaces.local(), tiles_[i], met_[i]);
       if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
                                                                     static_cast<double>(tiles_.size())))
@@ -233,6 +258,7 @@ class Resampler {
   const Filter& filter_;
   Mat3 source_from_out_;
   std::vector<Tile> tiles_;
+  std::vector<std::uint32_t> order_;  // in which tiles are taken up
   std::vector<Met> met_;  // by tile
   int tile_side_ = largest_tile;
   GridTables tables_;

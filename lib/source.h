@@ -176,6 +176,38 @@ class Source {
     double from_x, from_y;
     bool exact = false;  // from a texel's very centre
   };
+  // A rectangle of orphans that are texels of one face, side by side there too: a step right, and one down, is a step
+  // there.
+  struct ExactPatch {
+    std::int32_t face, x, y, width, height;
+    std::int32_t from_face, from_x, from_y;
+    std::int32_t right_x, right_y, down_x, down_y;
+    Orphan at(int i, int j) const;
+  };
+  // A rectangle of orphans whose places in one face are polynomials of theirs: c[n][m] of t^n s^m, where s and t run
+  // from -1 to 1 along the rectangle.
+  struct SmoothPatch {
+    std::int32_t face, x, y, width, height;
+    std::int32_t from_face;
+    double from_x[4][4], from_y[4][4];
+    Orphan at(int i, int j) const;
+  };
+  struct Orphans {
+    std::vector<ExactPatch> exact;
+    std::vector<SmoothPatch> smooth;
+    std::vector<Orphan> others;
+    template <class Visit>
+    void for_each(const Visit& visit) const {
+      const auto all = [&](const auto& patch) {
+        for (int j = 0; j < patch.height; ++j)
+          for (int i = 0; i < patch.width; ++i) visit(patch.at(i, j));
+      };
+      for (const ExactPatch& patch : exact) all(patch);
+      for (const SmoothPatch& patch : smooth) all(patch);
+      for (const Orphan& orphan : others) visit(orphan);
+    }
+  };
+  class Ownership;
   using Texel = std::array<float, 4>;
   void place_faces(const EnvImage& image);
   void copy_pixels(const EnvImage& image, int first_channel);
@@ -188,11 +220,21 @@ class Source {
   void make_strips();
   void split_highlights(const EnvImage& image);
   void spread_highlights();
-  void find_orphans(std::vector<Orphan>& orphans) const;
+  struct Origin {
+    std::int32_t face;
+    double x, y;
+  };
+  Orphans find_orphans() const;
+  Origin origin_of(int face, double x, double y) const;
   Orphan orphan_at(int face, int x, int y) const;
-  void find_orphans_in(int face, int x, int y, int width, int height, std::vector<Orphan>& orphans) const;
-  void adopt(const std::vector<Orphan>& orphans);
-  void copy_highlights(const std::vector<Orphan>& orphans);
+  void find_orphans_in(int face, int x, int y, int width, int height, Orphans& orphans) const;
+  bool find_exact_patch(int face, int x, int y, int width, int height, Orphans& orphans) const;
+  bool find_smooth_patch(int face, int x, int y, int width, int height, Orphans& orphans) const;
+  void adopt(const Orphans& orphans);
+  void adopt_patch(const ExactPatch& patch);
+  Texel interpolate(const Orphan& orphan) const;
+  Texel nearest_owned(const Orphan& orphan, const Ownership& ownership) const;
+  void copy_highlights(const Orphans& orphans);
   void repeat_highlights();
   void mark_highlights();
   bool in_face(const SourceFace& face, int x, int y) const {
@@ -205,8 +247,14 @@ class Source {
   }
   const Strip& strip_at(int face, int x, int y) const;
   WindowField field_about(Kernel kernel, int face, int x, int y) const;
-  Texel read(int face, int x, int y) const;
-  void write(const Orphan& orphan, const Texel& value);
+  // The same texels of a rectangle of padded texels, where they are, or copied into `copy`: pitch floats from row to
+  // row.
+  struct Rectangle {
+    const float* texels;
+    std::ptrdiff_t pitch;
+  };
+  Rectangle rectangle(int face, int x, int y, int width, int height, float* copy) const;
+  void write_row(int face, int x, int y, int count, const float* texels);
   Highlights::Block* block_at(int face, int x, int y, bool create);
   float* excess_at(int face, int x, int y, bool create);
   std::uint64_t* received_at(int face, int x, int y);
