@@ -20,17 +20,26 @@ namespace {
 // Pixel position whose fraction is a rounding error counts as the pixel itself.
 constexpr double on_texel = 1e-6;
 
+// The modified Bessel function of the first kind, order 0, to rounding for |x| <= 8: its power series.
+double bessel_i0(double x) {
+  const double q = 0.25 * x * x;
+  double sum = 1, term = 1;
+  for (int k = 1; k < 28; ++k) term *= q / (k * k), sum += term;
+  return sum;
+}
+
 // Interpolating kernel for texels read from across seams: sinc under a Kaiser window (beta 7.5), eight taps.
 constexpr int adopt_taps = 8, adopt_before = adopt_taps / 2 - 1;
 std::array<float, adopt_taps> adopt_weights(double f) {
   std::array<double, adopt_taps> w;
   double sum = 0;
+  const double sine = std::sin(M_PI * f);  // of pi t, but for the sign
   for (int k = 0; k < adopt_taps; ++k) {
     const double t = k - adopt_before - f;
     const double r = t / (adopt_taps / 2);
     double value = 0;
     if (std::abs(r) < 1)
-      value = std::cyl_bessel_i(0.0, 7.5 * std::sqrt(1 - r * r)) * (t == 0 ? 1.0 : std::sin(M_PI * t) / (M_PI * t));
+      value = bessel_i0(7.5 * std::sqrt(1 - r * r)) * (t == 0 ? 1.0 : (k % 2 ? -sine : sine) / (M_PI * t));
     w[static_cast<std::size_t>(k)] = value;
     sum += value;
   }
@@ -43,7 +52,11 @@ std::array<float, adopt_taps> adopt_weights(double f) {
 struct AdoptTable {
   std::array<std::array<float, adopt_taps>, 1025> rows;
   AdoptTable() {
-    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = adopt_weights(static_cast<double>(i) / 1024);
+    for (std::size_t i = 0; i <= 512; ++i) {
+      const auto row = adopt_weights(static_cast<double>(i) / 1024);
+      std::reverse_copy(row.begin(), row.end(), rows[1024 - i].begin());
+      rows[i] = row;
+    }
   }
   std::array<float, adopt_taps> at(double f) const {
     const double x = f * 1024;

@@ -259,7 +259,7 @@ class Resampler {
   Mat3 source_from_out_;
   std::vector<Tile> tiles_;
   std::vector<std::uint32_t> order_;  // in which tiles are taken up
-  std::vector<Met> met_;  // by tile
+  std::vector<Met> met_;              // by tile
   int tile_side_ = largest_tile;
   GridTables tables_;
   std::atomic<bool> stopped_{false};

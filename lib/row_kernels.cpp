@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "assertion.h"
+
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV | HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "row_kernels.cpp"
@@ -159,6 +161,40 @@ void join_bytes_impl(const std::uint8_t* from, std::size_t count, std::uint8_t* 
   }
 }
 
+template <int inner>
+void multiply_transposed_of(int rows, int columns, MatrixView<const double> a, MatrixView<const double> b,
+                            MatrixView<double> out) {
+  int x = 0;
+#if HWY_HAVE_FLOAT64
+  const hn::ScalableTag<double> d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (; x + lanes <= columns; x += lanes) {
+    hn::Vec<decltype(d)> column[inner];
+    for (std::size_t k = 0; k < inner; ++k) column[k] = hn::LoadU(d, b.values + k * b.step + x);
+    for (int y = 0; y < rows; ++y) {
+      auto sum = hn::Mul(hn::Set(d, a.values[y]), column[0]);
+      for (std::size_t k = 1; k < inner; ++k) sum = hn::MulAdd(hn::Set(d, a.values[k * a.step + y]), column[k], sum);
+      hn::StoreU(sum, d, out.values + static_cast<std::size_t>(y) * out.step + x);
+    }
+  }
+#endif
+  for (; x < columns; ++x)
+    for (int y = 0; y < rows; ++y) {
+      double sum = 0;
+      for (std::size_t k = 0; k < inner; ++k) sum += a.values[k * a.step + y] * b.values[k * b.step + x];
+      out.values[static_cast<std::size_t>(y) * out.step + x] = sum;
+    }
+}
+
+void multiply_transposed_impl(int rows, int inner, int columns, MatrixView<const double> a, MatrixView<const double> b,
+                              MatrixView<double> out) {
+  static_assert(most_inner == 8);
+  constexpr decltype(&multiply_transposed_of<1>) of[most_inner] = {
+      multiply_transposed_of<1>, multiply_transposed_of<2>, multiply_transposed_of<3>, multiply_transposed_of<4>,
+      multiply_transposed_of<5>, multiply_transposed_of<6>, multiply_transposed_of<7>, multiply_transposed_of<8>};
+  of[inner - 1](rows, columns, a, b, out);
+}
+
 }  // namespace envconv::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -168,6 +204,7 @@ HWY_EXPORT(floats_to_halves_impl);
 HWY_EXPORT(halves_to_floats_impl);
 HWY_EXPORT(split_bytes_impl);
 HWY_EXPORT(join_bytes_impl);
+HWY_EXPORT(multiply_transposed_impl);
 
 void floats_to_halves(const float* from, std::size_t count, std::uint16_t* to, HalfCounts& counts) {
   HWY_DYNAMIC_DISPATCH(floats_to_halves_impl)(from, count, to, counts);
@@ -180,6 +217,11 @@ void split_bytes(const std::uint8_t* from, std::size_t count, std::uint8_t* to) 
 }
 void join_bytes(const std::uint8_t* from, std::size_t count, std::uint8_t* to) {
   HWY_DYNAMIC_DISPATCH(join_bytes_impl)(from, count, to);
+}
+void multiply_transposed(int rows, int inner, int columns, MatrixView<const double> a, MatrixView<const double> b,
+                         MatrixView<double> out) {
+  ENVCONV_ASSERT(inner >= 1 && inner <= most_inner);
+  HWY_DYNAMIC_DISPATCH(multiply_transposed_impl)(rows, inner, columns, a, b, out);
 }
 }  // namespace envconv
 #endif

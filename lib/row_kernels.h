@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows of values and of bytes on the best SIMD target of this machine: half floats, and the order in which OpenEXR
-// deflates bytes.  Arrays need no alignment and no padding.  Internal: not installed.
+// Rows of values and of bytes on the best SIMD target of this machine: half floats, the order in which OpenEXR deflates
+// bytes, and products of small matrices.  Arrays need no alignment and no padding.  Internal: not installed.
 #pragma once
 
 #include <cstddef>
@@ -27,5 +27,17 @@ void split_bytes(const std::uint8_t* from, std::size_t count, std::uint8_t* to);
 
 /// The inverse of split_bytes().
 void join_bytes(const std::uint8_t* from, std::size_t count, std::uint8_t* to);
+
+/// A matrix by rows, `step` values from one to the next.
+template <class T>
+struct MatrixView {
+  T* values;
+  std::size_t step;
+};
+
+/// out[y][x] = sum over k < inner of a[k][y] b[k][x], for y < rows and x < columns; 1 <= inner <= most_inner.
+inline constexpr int most_inner = 8;
+void multiply_transposed(int rows, int inner, int columns, MatrixView<const double> a, MatrixView<const double> b,
+                         MatrixView<double> out);
 
 }  // namespace envconv

@@ -7,16 +7,19 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <span>
 #include <vector>
 
 #include "assertion.h"
 #include "read_kernels.h"
+#include "row_kernels.h"
 
 namespace envconv {
 namespace {
 
 constexpr int most_block = 64;
+constexpr double widest_patch = 0.26;  // of a face: where 8 nodes a side are enough for a cube's
 
 struct Interval {
   double lo, hi;
@@ -61,6 +64,10 @@ double gauss(const Layout& layout, int face, Interval u, Interval v, const std::
     for (std::size_t i = 0; i < n; ++i) sum += weight[i] * weight[j] * density(layout, face, u.at(at[i]), v.at(at[j]));
   return sum * u.length() * v.length();
 }
+
+// And with two, for triangles.
+constexpr std::array<double, 2> fewest_nodes = {0.2113248654051871, 0.7886751345948129};
+constexpr std::array<double, 2> fewest_weights = {0.5, 0.5};
 
 struct Point {
   double s, t;
@@ -140,18 +147,41 @@ struct Quarters {
   }
 };
 
+// The four triangles between a piece's middle and its sides, each with n nodes along a side and n towards the middle: a
+// crease along a diagonal, as where octahedral maps fold, is between them.
+template <std::size_t n>
+std::array<double, 4> gauss_triangles(const Layout& layout, int face, Interval u, Interval v,
+                                      const std::array<double, n>& at, const std::array<double, n>& weight) {
+  std::array<double, 4> sums{};
+  for (std::size_t j = 0; j < n; ++j)
+    for (std::size_t i = 0; i < n; ++i) {
+      const double out = at[j], along = 0.5 + out * (at[i] - 0.5), near = 0.5 - 0.5 * out, far = 0.5 + 0.5 * out;
+      const double w = 0.5 * out * weight[i] * weight[j] * u.length() * v.length();
+      sums[0] += w * density(layout, face, u.at(along), v.at(near));
+      sums[1] += w * density(layout, face, u.at(along), v.at(far));
+      sums[2] += w * density(layout, face, u.at(near), v.at(along));
+      sums[3] += w * density(layout, face, u.at(far), v.at(along));
+    }
+  return sums;
+}
+
 // Quarters until the integral is certain.
 double integrate_whole(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
   if (std::max(u.length(), v.length()) <= widest_piece) {
     const double whole = gauss(layout, face, u, v, nodes, weights);
     if (depth == most_depth) return whole;
     if (std::abs(gauss(layout, face, u, v, fewer_nodes, fewer_weights) - whole) <= 1e-6 * whole) return whole;
+    const auto triangles = gauss_triangles(layout, face, u, v, fewer_nodes, fewer_weights);
+    const auto rough = gauss_triangles(layout, face, u, v, fewest_nodes, fewest_weights);
+    const auto agree = [&](double a, double b) { return std::abs(a - b) <= 2.5e-7 * whole; };
+    if (std::equal(triangles.begin(), triangles.end(), rough.begin(), agree))
+      return std::reduce(triangles.begin(), triangles.end());
     ++depth;
   }
   return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_whole(layout, face, a, b, depth); });
 }
 
-// Where a seam may cross: quarters, at least two times, and at the bottom the rule above.
+// Where a seam may cross: quarters, and at the bottom the rule above.
 double integrate_owned(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
   const double extent = std::max(u.length(), v.length());
   if (extent <= widest_piece) {
@@ -166,7 +196,8 @@ double integrate_owned(const Layout& layout, int face, Interval u, Interval v, i
     }
     if (owned == 0) return 0;
     if (owned == points) return integrate_whole(layout, face, u, v);
-    if (depth >= 2 && extent <= widest_cut) return integrate_cut(layout, face, u, v);
+    // The seam is a parabola within a piece: so small, or a sixteenth of a cell that is not much larger.
+    if (extent <= (depth >= 2 ? widest_cut : 0.25 * widest_cut)) return integrate_cut(layout, face, u, v);
   }
   return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_owned(layout, face, a, b, depth + 1); });
 }
@@ -176,74 +207,153 @@ double integrate(const Grid& grid, Interval u, Interval v) {
                              : integrate_whole(grid.layout, grid.face, u, v);
 }
 
-// Lagrange basis on the nodes.
-constexpr std::array<double, 4> inverse_denominators = [] {
-  std::array<double, 4> inverse{};
-  for (std::size_t k = 0; k < 4; ++k) {
-    double product = 1;
-    for (std::size_t m = 0; m < 4; ++m)
-      if (m != k) product *= nodes[k] - nodes[m];
-    inverse[k] = 1 / product;
-  }
-  return inverse;
-}();
-std::array<double, 4> basis(double t) {
-  const double a = t - nodes[0], b = t - nodes[1], c = t - nodes[2], d = t - nodes[3];
-  return {b * c * d * inverse_denominators[0], a * c * d * inverse_denominators[1], a * b * d * inverse_denominators[2],
-          a * b * c * inverse_denominators[3]};
-}
-
-// Integrals of the basis over n intervals of a block's extent: out[function][interval].
-void basis_integrals(const double* bounds, int n, Interval block, double (*out)[most_block]) {
-  constexpr double half = 0.28867513459481287;  // two Gauss-Legendre nodes, exact for cubics
-  for (int i = 0; i < n; ++i) {
-    const Interval cell{bounds[i], bounds[i + 1]};
-    const auto b0 = basis((cell.at(0.5 - half) - block.lo) / block.length());
-    const auto b1 = basis((cell.at(0.5 + half) - block.lo) / block.length());
-    for (std::size_t k = 0; k < 4; ++k) out[k][i] = 0.5 * (b0[k] + b1[k]) * cell.length();
-  }
-}
-
-void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double* out, std::size_t stride) {
-  const Layout& layout = grid.layout;
-  const int face = grid.face;
-  const Interval u{grid.u[x0], grid.u[x0 + nx]}, v{grid.v[y0], grid.v[y0 + ny]};
-  // Bicubic density, wherever it agrees with the truth at points between its nodes and all of the block is owned.
-  bool smooth = nx * ny > 16 && u.length() <= 0.13 && v.length() <= 0.13;
-  if (smooth && grid.cut_by_seams())
-    for (int k = 0; k < 25 && smooth; ++k) smooth = layout.owns(face, u.within(k % 5 / 4.0), v.within(k / 5 / 4.0));
-  if (smooth) {
-    double nodal[4][4];
-    for (std::size_t j = 0; j < 4; ++j)
-      for (std::size_t i = 0; i < 4; ++i) nodal[j][i] = density(layout, face, u.at(nodes[i]), v.at(nodes[j]));
-    const auto interpolate = [&](double s, double t) {
-      const auto bu = basis(s), bv = basis(t);
-      double sum = 0;
-      for (std::size_t j = 0; j < 4; ++j)
-        for (std::size_t i = 0; i < 4; ++i) sum += bv[j] * bu[i] * nodal[j][i];
-      return sum;
-    };
-    for (const auto& [s, t] : {std::pair{0.02, 0.05}, {0.97, 0.03}, {0.5, 0.49}, {0.04, 0.96}, {0.95, 0.98}}) {
-      const double truth = density(layout, face, u.at(s), v.at(t));
-      smooth = smooth && std::abs(interpolate(s, t) - truth) <= 1e-6 * truth + 1e-12;
-    }
-    if (smooth) {
-      ENVCONV_ASSERT(nx <= most_block && ny <= most_block);
-      double bu[4][most_block], bv[4][most_block];
-      basis_integrals(grid.u + x0, nx, u, bu);
-      basis_integrals(grid.v + y0, ny, v, bv);
-      for (int y = 0; y < ny; ++y) {
-        double column[4] = {};
-        for (std::size_t j = 0; j < 4; ++j)
-          for (std::size_t i = 0; i < 4; ++i) column[i] += bv[j][y] * nodal[j][i];
-        double* to = out + static_cast<std::size_t>(y) * stride;
-        for (int x = 0; x < nx; ++x)
-          to[x] = column[0] * bu[0][x] + column[1] * bu[1][x] + column[2] * bu[2][x] + column[3] * bu[3][x];
+// A polynomial through n x n Gauss-Legendre nodes, by powers of each axis.
+template <int n>
+struct Interpolation {
+  std::array<double, n> node;  // in [-1, 1]
+  double power[n][n]{};        // [m][k]: coefficient of t^k in the Lagrange polynomial of node m
+  constexpr explicit Interpolation(const std::array<double, n>& nodes) : node(nodes) {
+    for (std::size_t m = 0; m < n; ++m) {
+      double* c = power[m];
+      c[0] = 1;
+      for (std::size_t other = 0, degree = 0; other < n; ++other) {
+        if (other == m) continue;
+        const double scale = 1 / (node[m] - node[other]);
+        ++degree;
+        for (std::size_t k = degree; k > 0; --k) c[k] = scale * (c[k - 1] - node[other] * c[k]);
+        c[0] *= -scale * node[other];
       }
+    }
+  }
+};
+constexpr Interpolation<5> five({-0.9061798459386640, -0.5384693101056831, 0, 0.5384693101056831, 0.9061798459386640});
+constexpr Interpolation<8> eight({-0.9602898564975363, -0.7966664774136267, -0.5255324099163290, -0.1834346424956498,
+                                  0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363});
+
+// The density over a block: the sum of c[j][i] t^j s^i, s and t in [-1, 1] along u and v.
+struct Patch {
+  double c[most_inner][most_inner];
+  int powers_u, powers_v;  // that count
+
+  double at(double s, double t) const {
+    double sum = 0;
+    for (int j = powers_v; j-- > 0;) {
+      double row = 0;
+      for (int i = powers_u; i-- > 0;) row = row * s + c[j][i];
+      sum = sum * t + row;
+    }
+    return sum;
+  }
+
+  // Without the highest powers that do not matter: all but the first where the density is the same along an axis.
+  void shorten() {
+    const double least = 1e-10 * std::abs(c[0][0]);
+    const auto vanishes = [&](int j, int i) { return std::abs(c[j][i]) <= least; };
+    const auto column = [&](int i) {
+      for (int j = 0; j < powers_v; ++j)
+        if (!vanishes(j, i)) return false;
+      return true;
+    };
+    const auto row = [&](int j) {
+      for (int i = 0; i < powers_u; ++i)
+        if (!vanishes(j, i)) return false;
+      return true;
+    };
+    while (powers_u > 1 && column(powers_u - 1)) --powers_u;
+    while (powers_v > 1 && row(powers_v - 1)) --powers_v;
+  }
+};
+
+enum class Fit { good, near, none };
+
+// How well the polynomial agrees with the truth near the block's corners and in its middle: whatever crosses the block
+// makes a difference there, and then no degree is high enough.
+template <int n>
+Fit fit(const Layout& layout, int face, Interval u, Interval v, const Interpolation<n>& by, Patch& patch) {
+  const auto density_at = [&](double s, double t) {
+    return density(layout, face, u.at(0.5 + 0.5 * s), v.at(0.5 + 0.5 * t));
+  };
+  double rows[n][n] = {};  // [node along v][power along u]
+  for (std::size_t j = 0; j < n; ++j)
+    for (std::size_t i = 0; i < n; ++i) {
+      const double value = density_at(by.node[i], by.node[j]);
+      for (std::size_t k = 0; k < n; ++k) rows[j][k] += value * by.power[i][k];
+    }
+  for (std::size_t k = 0; k < n; ++k)
+    for (std::size_t i = 0; i < n; ++i) {
+      patch.c[k][i] = 0;
+      for (std::size_t j = 0; j < n; ++j) patch.c[k][i] += by.power[j][k] * rows[j][i];
+    }
+  patch.powers_u = patch.powers_v = n;
+  Fit result = Fit::good;
+  for (const auto& [s, t] : {std::pair{-0.99, -0.99}, {0.99, -0.99}, {0.03, -0.02}, {-0.99, 0.99}, {0.99, 0.99}}) {
+    const double truth = density_at(s, t), error = std::abs(patch.at(s, t) - truth);
+    if (!(error <= 3e-4 * std::abs(patch.c[0][0]))) return Fit::none;
+    if (!(error <= 1e-6 * truth + 1e-12)) result = Fit::near;
+  }
+  patch.shorten();
+  return result;
+}
+
+// Integrals of powers of t, from -1 to 1 over a block, over its n cells.
+using PowerIntegrals = std::array<std::array<double, most_block>, most_inner>;  // [power][cell]
+void power_integrals(const double* bounds, int n, int powers, PowerIntegrals& out) {
+  const double low = bounds[0], scale = 2 / (bounds[n] - bounds[0]);
+  const auto last = static_cast<std::size_t>(n);
+  std::array<double, most_block + 1> t, power;
+  for (std::size_t i = 0; i <= last; ++i) power[i] = t[i] = (bounds[i] - low) * scale - 1;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(powers); ++k) {
+    const double factor = 1 / (scale * static_cast<double>(k + 1));
+    for (std::size_t i = 0; i < last; ++i) out[k][i] = (power[i + 1] - power[i]) * factor;
+    for (std::size_t i = 0; i <= last; ++i) power[i] *= t[i];
+  }
+}
+
+void integrate_patch(const Patch& patch, const double* u, int nx, const double* v, int ny, double* out,
+                     std::size_t stride) {
+  ENVCONV_ASSERT(nx <= most_block && ny <= most_block);
+  PowerIntegrals along, down, rows;
+  power_integrals(u, nx, patch.powers_u, along);
+  power_integrals(v, ny, patch.powers_v, down);
+  multiply_transposed(patch.powers_u, patch.powers_v, ny, {patch.c[0], most_inner}, {down[0].data(), most_block},
+                      {rows[0].data(), most_block});
+  multiply_transposed(ny, patch.powers_u, nx, {rows[0].data(), most_block}, {along[0].data(), most_block},
+                      {out, stride});
+}
+
+enum class Owned { all, some, none };
+
+// Tried at points around it so close that no arc of a seam slips through that matters, and in its middle.
+Owned owned_part(const Grid& grid, Interval u, Interval v) {
+  if (!grid.cut_by_seams()) return Owned::all;
+  const int steps = std::max(4, static_cast<int>(std::ceil(64 * std::max(u.length(), v.length()))));
+  const auto owns = [&](double s, double t) { return grid.layout.owns(grid.face, u.within(s), v.within(t)); };
+  const bool middle = owns(0.5, 0.5);
+  for (int k = 0; k < steps; ++k) {
+    const double t = static_cast<double>(k) / steps;
+    if (owns(t, 0) != middle || owns(1, t) != middle || owns(1 - t, 1) != middle || owns(0, 1 - t) != middle)
+      return Owned::some;
+  }
+  return middle ? Owned::all : Owned::none;
+}
+
+// A polynomial wherever one fits and all of the block is owned; else quarters, and at last texels one by one.
+void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double* out, std::size_t stride) {
+  const Interval u{grid.u[x0], grid.u[x0 + nx]}, v{grid.v[y0], grid.v[y0 + ny]};
+  const double extent = std::max(u.length(), v.length());
+  if (nx * ny > 2 && extent <= widest_patch) {
+    const Owned owned = owned_part(grid, u, v);
+    if (owned == Owned::none) {
+      for (int y = 0; y < ny; ++y) std::fill_n(out + static_cast<std::size_t>(y) * stride, nx, 0.0);
       return;
     }
+    Patch patch;
+    Fit result = owned == Owned::all ? Fit::near : Fit::none;
+    if (result == Fit::near && extent <= 0.5 * widest_patch) result = fit(grid.layout, grid.face, u, v, five, patch);
+    if (result == Fit::near && nx * ny > 4) result = fit(grid.layout, grid.face, u, v, eight, patch);
+    if (result == Fit::good) return integrate_patch(patch, grid.u + x0, nx, grid.v + y0, ny, out, stride);
   }
-  if (std::max(nx, ny) > 8) {  // most of the block may still be smooth: quarters
+  if (std::max(nx, ny) > 2) {
     const int hx = (nx + 1) / 2, hy = (ny + 1) / 2;
     for (int k = 0; k < 4; ++k) {
       const int x = k % 2 * hx, y = k / 2 * hy, w = k % 2 ? nx - hx : hx, h = k / 2 ? ny - hy : hy;
@@ -262,7 +372,8 @@ void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double
 // The whole grid, in blocks.  The finer the cells, the more of them a polynomial of the same accuracy covers.
 void grid_solid_angles(const Grid& grid, int nx, int ny, double* out) {
   const double cell = std::max((grid.u[nx] - grid.u[0]) / nx, (grid.v[ny] - grid.v[0]) / ny);
-  const int side = std::clamp(static_cast<int>(1 / (32 * std::max(cell, 1e-9))), solid_angle_block, most_block);
+  const int side =
+      std::clamp(static_cast<int>(0.5 * widest_patch / std::max(cell, 1e-9)), solid_angle_block, most_block);
   for (int y = 0; y < ny; y += side)
     for (int x = 0; x < nx; x += side)
       block_solid_angles(grid, x, y, std::min(side, nx - x), std::min(side, ny - y),

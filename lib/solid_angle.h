@@ -15,8 +15,8 @@ namespace envconv {
 inline constexpr int solid_angle_block = 16;
 
 /// Solid angles, in steradians, of the owned parts of nx x ny texels from (x0, y0) of a face; out is [ny][nx].
-/// The density is interpolated by bicubic polynomials over blocks where they fit to 1e-7, and integrated texel by texel
-/// where they don't (creases, seams).
+/// The density is interpolated by polynomials over blocks where they fit, to 1e-6 of it at points between their nodes,
+/// and integrated texel by texel where none does (creases, seams).
 void texel_solid_angles(const Layout& layout, int face, Size size, Placement placement, int x0, int y0, int nx, int ny,
                         double* out);
 

@@ -81,6 +81,9 @@ endif()
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).
 add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
 target_link_libraries(resample_bench PRIVATE libenvconv TBB::tbb)
+# The same for every ordered pair of layouts, beside the best that can be attained (ninja pairs_bench).
+add_executable(pairs_bench EXCLUDE_FROM_ALL tests/bench/pairs_bench.cpp)
+target_link_libraries(pairs_bench PRIVATE libenvconv TBB::tbb)
 
 # Beside OpenCV, where it is installed (ninja peers_bench; libopencv-dev).
 find_package(OpenCV QUIET COMPONENTS core imgproc)
