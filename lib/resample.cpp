@@ -49,7 +49,7 @@
 namespace envconv {
 namespace {
 
-constexpr int tallest_face = 1 << 24;                       // more texels than any memory
+constexpr int tallest_face = 1 << 24;                        // more texels than any memory
 constexpr std::size_t block_memory = std::size_t{8} << 20;  // bytes of prefiltered blocks that a thread keeps
 
 // The bits of x and y in turn.
@@ -116,7 +116,7 @@ class Resampler {
       if (g == 0) mean = source.mean();
     }
     if (stopped_) return Error{ErrorCode::output, "stopped"};
-    if (filter_.limited) keep_mean(mean, out);
+    if (filter_.limited) keep_mean(mean, tile_sums_.empty() ? sphere_mean(out) : sum_of_tiles(), out);
     return out;
   }
 
@@ -124,9 +124,8 @@ class Resampler {
   // Sampling leaves the mean over the sphere off by 1e-8 to 1e-3 of itself (most where texel-sized noise is shrunk a
   // little).  What is missing is given back in proportion to each value's magnitude: a gain for radiance, and nothing
   // for a constant, whose mean is exact already.
-  void keep_mean(const SphereMean& before, EnvImage& out) const {
+  void keep_mean(const SphereMean& before, const SphereMean& after, EnvImage& out) const {
     constexpr double most = 0.01;  // more than this is no rounding to be mended: a handful of texels, or singular ones
-    const SphereMean after = sphere_mean(out);
     const int channels = out.channels.count();
     std::vector<float> share(static_cast<std::size_t>(channels), 0.0f);
     bool any = false;
@@ -206,8 +205,23 @@ class Resampler {
     }
   }
 
+  // Of the tile as it is now, while the cache holds it.
+  void sum_tile(const EnvImage& out, std::size_t i) {
+    const std::size_t count = sphere_sums(out.channels.count());
+    double* sums = &tile_sums_[i * count];
+    std::fill_n(sums, count, 0.0);
+    add_to_sums(out, tiles_[i].face, tiles_[i].x0, tiles_[i].y0, tiles_[i].width, tiles_[i].height, sums);
+  }
+  SphereMean sum_of_tiles() const {
+    std::vector<double> sums(tile_sums_.size() / tiles_.size(), 0.0);
+    for (std::size_t i = 0; i < tile_sums_.size(); ++i) sums[i % sums.size()] += tile_sums_[i];
+    return mean_of_sums(sums);
+  }
+
   void run_group(Source& source, EnvImage& out, int first_channel) {
     mark_slivers(source, out);
+    const bool sum = filter_.limited && source_.channels.count() <= 4;
+    tile_sums_.assign(sum ? tiles_.size() * sphere_sums(out.channels.count()) : 0, 0.0);
     const std::size_t most_blocks = SourceBlocks::worth_keeping(source_, block_memory);
     tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces(
         [&] { return std::make_unique<Workspace>(source, filter_.kernel, most_blocks); });
@@ -217,6 +231,7 @@ class Resampler {
       if (stopped_) return;
       const std::size_t i = order_[k];
       sampler.first_pass(*workspaces.local(), tiles_[i], met_[i]);
+      if (sum && !met_[i].any()) sum_tile(out, i);
       if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
                                                                     static_cast<double>(tiles_.size())))
         stopped_ = true;
@@ -224,9 +239,12 @@ class Resampler {
     if (!source.highlights().any() || stopped_) return;
     const std::vector<StrandedEnergy> stranded = source.conserve_highlights();
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
-      if (met_[i].any()) sampler.second_pass(*workspaces.local(), tiles_[i], met_[i]);
+      if (!met_[i].any()) return;
+      sampler.second_pass(*workspaces.local(), tiles_[i], met_[i]);
+      if (sum) sum_tile(out, i);
     });
     for (const StrandedEnergy& e : stranded) deposit(e, out, first_channel);
+    if (!stranded.empty()) tile_sums_.clear();
   }
 
   // Energy that no sample met goes to the texel in whose footprint it lies, or its neighbour with the most solid angle.
@@ -260,6 +278,7 @@ class Resampler {
   std::vector<Tile> tiles_;
   std::vector<std::uint32_t> order_;  // in which tiles are taken up
   std::vector<Met> met_;              // by tile
+  std::vector<double> tile_sums_;     // by tile: sphere_sums() each; empty when they are not up to date
   int tile_side_ = largest_tile;
   GridTables tables_;
   std::atomic<bool> stopped_{false};

@@ -438,39 +438,51 @@ void add_block(const Image& image, int x0, int y0, int nx, int ny, const double*
 
 }  // namespace
 
+void add_to_sums(const EnvImage& image, int face, int x0, int y0, int nx, int ny, double* sums) {
+  const Image& pixels = image.faces[static_cast<std::size_t>(face)];
+  // So few at once that they stay in the cache.
+  double omega[most_block * most_block];
+  for (int y = y0; y < y0 + ny; y += most_block)
+    for (int x = x0; x < x0 + nx; x += most_block) {
+      const int width = std::min(most_block, x0 + nx - x), height = std::min(most_block, y0 + ny - y);
+      texel_solid_angles(*image.layout, face, {pixels.width(), pixels.height()}, image.placement, x, y, width, height,
+                         omega);
+      add_block(pixels, x, y, width, height, omega, sums);
+    }
+}
+
+SphereMean mean_of_sums(std::span<const double> sums) {
+  const std::size_t channels = sums.size() / 2;
+  SphereMean mean;
+  for (std::size_t c = 0; c < channels; ++c) {
+    mean.value.push_back(sums[c] / sums[2 * channels]);
+    mean.magnitude.push_back(sums[channels + c] / sums[2 * channels]);
+  }
+  return mean;
+}
+
 SphereMean sphere_mean(const EnvImage& image) { return sphere_mean(image, {}); }
 
 SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit) {
-  const std::size_t channels = static_cast<std::size_t>(image.channels.count()), sums = 2 * channels + 1;
-  std::vector<double> sum(sums, 0.0);
+  const std::size_t count = sphere_sums(image.channels.count());
+  std::vector<double> sums(count, 0.0);
   for (int f = 0; f < image.layout->face_count(); ++f) {
     const Image& face = image.faces[static_cast<std::size_t>(f)];
-    const Size size{face.width(), face.height()};
     constexpr int band_rows = most_block;
-    const int bands = (size.height + band_rows - 1) / band_rows;
+    const int bands = (face.height() + band_rows - 1) / band_rows;
     // Partial sums by band, added up in order: the same result from any number of threads.
-    std::vector<double> partial(static_cast<std::size_t>(bands) * sums, 0.0);
+    std::vector<double> partial(static_cast<std::size_t>(bands) * count, 0.0);
     tbb::parallel_for(0, bands, [&](int band) {
-      const int y0 = band * band_rows, ny = std::min(band_rows, size.height - y0);
-      double* s = &partial[static_cast<std::size_t>(band) * sums];
-      // So few at once that they stay in the cache.
-      double omega[most_block * most_block];
-      for (int x0 = 0; x0 < size.width; x0 += most_block) {
-        const int nx = std::min(most_block, size.width - x0);
-        texel_solid_angles(*image.layout, f, size, image.placement, x0, y0, nx, ny, omega);
-        add_block(face, x0, y0, nx, ny, omega, s);
+      const int y0 = band * band_rows, ny = std::min(band_rows, face.height() - y0);
+      for (int x0 = 0; x0 < face.width(); x0 += most_block) {
+        const int nx = std::min(most_block, face.width() - x0);
+        add_to_sums(image, f, x0, y0, nx, ny, &partial[static_cast<std::size_t>(band) * count]);
         if (visit) visit(f, x0, y0, nx, ny);
       }
     });
-    for (std::size_t b = 0; b < static_cast<std::size_t>(bands); ++b)
-      for (std::size_t k = 0; k < sums; ++k) sum[k] += partial[b * sums + k];
+    for (std::size_t i = 0; i < partial.size(); ++i) sums[i % count] += partial[i];
   }
-  SphereMean mean;
-  for (std::size_t c = 0; c < channels; ++c) {
-    mean.value.push_back(sum[c] / sum[2 * channels]);
-    mean.magnitude.push_back(sum[channels + c] / sum[2 * channels]);
-  }
-  return mean;
+  return mean_of_sums(sums);
 }
 
 std::vector<double> mean_radiance(const EnvImage& image) { return sphere_mean(image).value; }

@@ -35,6 +35,15 @@ struct SphereMean {
   std::vector<double> value, magnitude;
 };
 SphereMean sphere_mean(const EnvImage& image);
+
+/// For who walks over the texels anyhow.  Sums over texels: value times owned solid angle by channel, magnitude
+/// likewise, and at last solid angle; so many for `channels`.
+constexpr std::size_t sphere_sums(int channels) { return 2 * static_cast<std::size_t>(channels) + 1; }
+/// Adds nx x ny texels from (x0, y0) of a face to the sums.
+void add_to_sums(const EnvImage& image, int face, int x0, int y0, int nx, int ny, double* sums);
+/// The means that follow from the sums over all texels.
+SphereMean mean_of_sums(std::span<const double> sums);
+
 /// The same, and calls visit(face, x0, y0, width, height) for rectangles of texels that have just been read, while the
 /// cache holds them: all of a face's texels once, from several threads at a time, those of a row from one.
 SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit);

@@ -104,6 +104,10 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
       }
       out[k] = slot.texels.data() + static_cast<std::size_t>(j + k) * pitch;
     }
+    // The next rows of the source, pages apart, come while these are filtered.
+    for (int k = j + abreast; k < std::min(j + 2 * abreast, high); ++k)
+      if (const float* next = source_->row_in_place(f, x, y + k, wide))
+        for (int at = 0; at < wide * channels; at += 16) __builtin_prefetch(next + at);
     prefilter_rows(channels, wide, margin, in, out, work_.data());
   }
   prefilter_columns(width * channels, high, static_cast<std::ptrdiff_t>(pitch), slot.texels.data());
