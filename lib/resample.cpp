@@ -49,8 +49,8 @@
 namespace envconv {
 namespace {
 
-constexpr int tallest_face = 1 << 24;                        // more texels than any memory
-constexpr std::size_t block_memory = std::size_t{8} << 20;  // bytes of prefiltered blocks that a thread keeps
+constexpr int tallest_face = 1 << 24;                       // more texels than any memory
+constexpr std::size_t block_memory = std::size_t{4} << 20;  // bytes of prefiltered blocks that a thread keeps
 
 // The bits of x and y in turn.
 std::uint64_t morton_code(int x, int y) {
@@ -125,7 +125,8 @@ class Resampler {
   // little).  What is missing is given back in proportion to each value's magnitude: a gain for radiance, and nothing
   // for a constant, whose mean is exact already.
   void keep_mean(const SphereMean& before, const SphereMean& after, EnvImage& out) const {
-    constexpr double most = 0.01;  // more than this is no rounding to be mended: a handful of texels, or singular ones
+    constexpr double most = 0.01;   // more than this is no rounding to be mended: a handful of texels, or singular ones
+    constexpr float least = 3e-6f;  // less than this is not worth a walk through the image
     const int channels = out.channels.count();
     std::vector<float> share(static_cast<std::size_t>(channels), 0.0f);
     bool any = false;
@@ -133,7 +134,7 @@ class Resampler {
       const double missing = before.value[c] - after.value[c];
       if (!(after.magnitude[c] > 0) || !(std::abs(missing) <= most * after.magnitude[c])) continue;
       share[c] = static_cast<float>(missing / after.magnitude[c]);
-      any = any || std::abs(share[c]) > 1e-6f;
+      any = any || std::abs(share[c]) > least;
     }
     if (!any) return;
     // A row's values take their channels' shares in turn: twelve at once, a whole number of texels of 1 to 4 channels.

@@ -72,20 +72,27 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
   while (static_cast<std::size_t>(f) + 1 < grids_.size() && grids_[static_cast<std::size_t>(f) + 1].first <= block) ++f;
   const Grid& grid = grids_[static_cast<std::size_t>(f)];
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
-  const int channels = source_->channels(), apron = source_->apron();
+  const int apron = source_->apron();
   const int column = (block - grid.first) % grid.across * side, row = (block - grid.first) / grid.across * side;
-  const int width = std::min(side, face.size.width - column) + 2 * reach;
-  const int height = std::min(side, face.size.height - row) + 2 * reach;
+  slot.block = block;
+  filter(f, column + apron - reach, row + apron - reach, std::min(side, face.size.width - column) + 2 * reach,
+         std::min(side, face.size.height - row) + 2 * reach, slot);
+}
+
+// A rectangle of padded texels.
+void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot& slot) {
+  const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
+  const int channels = source_->channels();
   const int wide = width + 2 * margin, high = height + 2 * margin;
-  const int x = column + apron - reach - margin, y = row + apron - reach - margin;
+  const int x = left - margin, y = top - margin;
   ENVCONV_ASSERT(x >= 0 && y >= 0 && x + wide <= face.columns && y + high <= face.rows);
   if (slot.texels.empty()) {
+    const int longest = &slot == &view_ ? longest_view : side + 2 * reach;
     // Loads reach past a window; what they find there must be numbers.
-    slot.texels = Image(side + 2 * reach + 16, side + 2 * reach + 2 * margin + abreast, channels);
+    slot.texels = Image(longest + 16, longest + 2 * margin + abreast, channels);
     slot.texels.fill(0);
   }
-  slot.block = block;
-  slot.x = x + margin;
+  slot.x = left;
   slot.y = y;
   const std::size_t pitch = static_cast<std::size_t>(slot.texels.width()) * static_cast<std::size_t>(channels);
   const std::size_t row_floats = (static_cast<std::size_t>(wide) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
@@ -113,6 +120,25 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
   prefilter_columns(width * channels, high, static_cast<std::ptrdiff_t>(pitch), slot.texels.data());
 }
 
+void SourceBlocks::make_view() {
+  const SourceView& view = *wanted_;
+  // The windows of samples there, and two texels more: views are found at some of a tile's points only.
+  constexpr int around = taps(Kernel::band_limited) / 2 + 2;
+  const SourceFace& face = source_->faces()[static_cast<std::size_t>(view.face)];
+  const auto bounded = [&](double at, int texels) {
+    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), margin,
+                      texels - margin);
+  };
+  const int left = bounded(view.left - around, face.columns), right = bounded(view.right + around + 1, face.columns);
+  const int top = bounded(view.top - around, face.rows), bottom = bounded(view.bottom + around + 1, face.rows);
+  if (right - left <= longest_view && bottom - top <= longest_view && right > left && bottom > top) {
+    view_.block = view.face;
+    view_width_ = right - left, view_height_ = bottom - top;
+    filter(view.face, left, top, view_width_, view_height_, view_);
+  }
+  wanted_.reset();
+}
+
 void SourceBlocks::make_all() {
   most_ = slot_of_.size();
   for (std::size_t block = 0; block < slot_of_.size(); ++block) slot_of(static_cast<std::int32_t>(block));
@@ -122,15 +148,29 @@ void SourceBlocks::make_all() {
 template <class Find>
 void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Find& find) const {
   const int channels = source_->channels(), apron = source_->apron(), before = taps_before(Kernel::band_limited);
-  for (int i = 0; i < n;) {
-    const Slot& slot = find(block_of(static_cast<int>(face[i]), windows.x[i], windows.y[i]));
+  // The samples whose nearest texels are [left, right) x [top, bottom) of a slot's.
+  const auto field_of = [&](const Slot& slot, int left, int top, int right, int bottom) {
     const std::ptrdiff_t pitch = static_cast<std::ptrdiff_t>(slot.texels.width()) * channels;
-    WindowField field{slot.x + reach,
-                      slot.y + margin + reach,
-                      slot.x + reach + side,
-                      slot.y + margin + reach + side,
-                      slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels,
-                      pitch};
+    return WindowField{slot.x + left,
+                       slot.y + margin + top,
+                       slot.x + right,
+                       slot.y + margin + bottom,
+                       slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels,
+                       pitch};
+  };
+  WindowField view{};
+  if (view_.block >= 0) view = field_of(view_, before, before, view_width_ - before, view_height_ - before);
+  const auto in_view = [&](int i) {
+    return static_cast<float>(view_.block) == face[i] && windows.x[i] >= view.left && windows.x[i] < view.right &&
+           windows.y[i] >= view.top && windows.y[i] < view.bottom;
+  };
+  for (int i = 0; i < n;) {
+    if (in_view(i)) {
+      i = point_windows(view, channels, face, i, n, windows);
+      continue;
+    }
+    const Slot& slot = find(block_of(static_cast<int>(face[i]), windows.x[i], windows.y[i]));
+    WindowField field = field_of(slot, reach, reach, reach + side, reach + side);
     // A sample on the very edge may be nearest to a texel of the apron.
     const SourceFace& f = source_->faces()[static_cast<std::size_t>(face[i])];
     if (field.right >= apron + f.size.width) field.right = apron + f.size.width + 1;
@@ -142,6 +182,7 @@ void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Fi
 }
 
 void SourceBlocks::point(int n, const float* face, Windows& windows) {
+  if (wanted_) make_view();
   point_at(n, face, windows, [&](std::int32_t block) -> const Slot& {
     Slot& slot = slot_of(block);
     slot.tile = tile_;

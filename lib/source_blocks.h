@@ -5,16 +5,21 @@
 // block of it fits into a core's cache: its rows are copied from the source, with a margin in which the recursions
 // forget where they began, filtered along rows and columns, and read by all samples nearby.  Every thread keeps blocks
 // of its own; what a block holds does not depend on who made it, nor when.
+//
+// Most tiles of an output see a small rectangle of the source.  Just that is filtered for them, over the one of the
+// tile before: memory that never leaves the cache.  Blocks serve tiles that see a pole or lie across seams.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "image.h"
 #include "read_kernels.h"
 #include "source.h"
+#include "tile_plan.h"
 
 namespace envconv {
 
@@ -29,7 +34,13 @@ class SourceBlocks {
   SourceBlocks(const Source& source, std::size_t most);
 
   /// Blocks that were read before may be replaced from now on.
-  void next_tile() { ++tile_; }
+  /// view: what the tile is about to read.
+  void next_tile(const SourceView& view) {
+    ++tile_;
+    view_.block = -1;
+    wanted_.reset();
+    if (view.face >= 0) wanted_ = view;
+  }
 
   /// Makes all blocks; point() then changes nothing.
   void make_all();
@@ -46,6 +57,7 @@ class SourceBlocks {
 
  private:
   static constexpr int side = 128, reach = 3;  // texels of a block, and beyond each of its sides
+  static constexpr int longest_view = 192;     // texels of a side
   struct Grid {
     int across = 0, down = 0;
     std::int32_t first = 0;  // block
@@ -59,6 +71,8 @@ class SourceBlocks {
   std::int32_t block_of(int face, int x, int y) const;
   Slot& slot_of(std::int32_t block);
   void make(std::int32_t block, Slot& slot);
+  void make_view();
+  void filter(int face, int x, int y, int width, int height, Slot& slot);
   template <class Find>
   void point_at(int n, const float* face, Windows& windows, const Find& find) const;
 
@@ -68,6 +82,9 @@ class SourceBlocks {
   std::vector<std::int32_t> slot_of_;  // by block: slot, or -1
   std::vector<Slot> slots_;
   std::int64_t tile_ = 0;
+  std::optional<SourceView> wanted_;  // not made yet
+  Slot view_;                         // of the tile; view_.block is its face, or -1
+  int view_width_ = 0, view_height_ = 0;
   std::vector<float> rows_, work_;  // of a block being made
 };
 

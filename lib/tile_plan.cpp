@@ -18,6 +18,7 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
   const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
   const double eu = texel_extent(face.width(), out.placement), ev = texel_extent(face.height(), out.placement);
   int waves = 0;
+  bool one_face = true;
   for (int j = 0; j < TilePlan::nodes_y; ++j)
     for (int i = 0; i < TilePlan::nodes_x; ++i) {
       const double u =
@@ -33,6 +34,9 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
       const Vec3 d = source_from_out * jet.d;
       const Location at = source.layout->locate(d);
       const Image& s = source.faces[static_cast<std::size_t>(at.face)];
+      if (plan.view.face < 0) plan.view.face = at.face;
+      one_face = one_face && plan.view.face == at.face;
+      plan.view.add(texel_from_u(at.u, s.width(), source.placement), texel_from_u(at.v, s.height(), source.placement));
       const DirectionJet from = source.layout->direction_jet(at.face, at.u, at.v);
       const Vec3 a = texel_extent(s.width(), source.placement) * from.du;
       const Vec3 b = texel_extent(s.height(), source.placement) * from.dv;
@@ -72,6 +76,7 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
       plan.wave_u.along += qu.along, plan.wave_u.across += qu.across;
       plan.wave_v.along += qv.along, plan.wave_v.across += qv.across;
     }
+  if (!one_face) plan.view = {};
   for (SourceWave* wave : {&plan.wave_u, &plan.wave_v})
     if (waves > 0) wave->along /= waves, wave->across /= waves;
   double least = plan.density[0][0], most = least;

@@ -29,6 +29,16 @@ struct Met {
   }
 };
 
+/// Where a tile looks: a rectangle of a face of the source, in its texels, that may reach beyond it.  No face: at
+/// several.
+struct SourceView {
+  int face = -1;
+  double left = 1e30, top = 1e30, right = -1e30, bottom = -1e30;
+  void add(double x, double y) {
+    left = std::min(left, x), top = std::min(top, y), right = std::max(right, x), bottom = std::max(bottom, y);
+  }
+};
+
 /// The density relative to neighbours, and the number of samples, over one tile.
 struct TilePlan {
   static constexpr int nodes_x = 5, nodes_y = 5;
@@ -37,6 +47,7 @@ struct TilePlan {
   double least = 1e30;               ///< source texels that a texel is wide where it is narrowest
   /// A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
   SourceWave wave_u, wave_v;
+  SourceView view;      ///< from the tile's edges and its middle
   int ku = 1, kv = 1;   ///< samples a side of each texel, where texels are sampled apart
   bool smooth = false;  ///< the density varies little enough to be sampled on a grid
 };

@@ -75,6 +75,16 @@ struct Quad {
   static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
 };
 
+// What a tile sees, and the samples beyond it that a grid takes.
+SourceView view_with_neighbours(const TilePlan& plan, const Tile& tile) {
+  SourceView view = plan.view;
+  constexpr double texels = 3.5;  // of the output, beyond each edge: see grid_quadrature()
+  const double grow = texels / std::min(tile.width, tile.height);
+  const double wide = view.right - view.left, high = view.bottom - view.top;
+  view.left -= grow * wide, view.right += grow * wide, view.top -= grow * high, view.bottom += grow * high;
+  return view;
+}
+
 void combine_densities(const GridQuadrature& q, int n, const float* in, float* out) {
   for (int i = 0; i < n; ++i) {
     const auto phase = static_cast<std::size_t>(i % q.texels);
@@ -348,7 +358,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
 
 void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
   const TilePlan tile_plan = plan(tile);
-  if (w.blocks) w.blocks->next_tile();
+  if (w.blocks) w.blocks->next_tile(view_with_neighbours(tile_plan, tile));
   if (filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers) {
     const bool wide = tile_plan.least >= direct_ratio;
     if ((wide && on_grid(w, tile, tile_plan, Kernel::drooping, met)) ||
