@@ -108,24 +108,24 @@ void Source::split_highlights(const EnvImage& image) {
   };
   std::vector<Found> found;
   std::fill_n(lowest_, 4, std::numeric_limits<float>::max());
-  const std::vector<std::vector<RowRange>> ranges = survey(image);
-  for (std::size_t f = 0; f < faces_.size(); ++f) {
-    const SourceFace& s = faces_[f];
-    std::vector<std::vector<Found>> rows(static_cast<std::size_t>(s.size.height));
-    tbb::parallel_for(0, s.size.height, [&](int j) {
-      const int y = j + apron_;
-      s.image->relieve();
-      if (ranges[f][static_cast<std::size_t>(j)].brightest <= threshold_) return;
-      for (int x = apron_; x < apron_ + s.size.width; ++x) {
+  const std::vector<RectangleRange> ranges = survey(image);
+  std::vector<std::vector<Found>> found_in(ranges.size());
+  tbb::parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t i) {
+    const RectangleRange& r = ranges[i];
+    if (r.brightest <= threshold_) return;
+    const SourceFace& s = faces_[static_cast<std::size_t>(r.face)];
+    s.image->relieve();
+    for (int y = apron_ + r.y; y < apron_ + r.y + r.height; ++y)
+      for (int x = apron_ + r.x; x < apron_ + r.x + r.width; ++x) {
         const float* t = pixel(s, x, y);
         if (brightness(t) <= threshold_) continue;
         if (layout_->info().domain != Domain::square &&
-            !layout_->owns(static_cast<int>(f), u_from_texel(x - apron_, s.size.width, placement_),
-                           u_from_texel(j, s.size.height, placement_)))
+            !layout_->owns(r.face, u_from_texel(x - apron_, s.size.width, placement_),
+                           u_from_texel(y - apron_, s.size.height, placement_)))
           continue;
         // What lies below the highlight: the mean of the texels around it that are none, so that the kernel has no step
         // to ring at; deep inside a bright area, the threshold.
-        Found hit{static_cast<std::int32_t>(f), x, y, {}};
+        Found hit{r.face, x, y, {}};
         double sum[4]{}, n = 0;
         for (int yy = std::max(y - 2, apron_); yy <= std::min(y + 2, apron_ + s.size.height - 1); ++yy)
           for (int xx = std::max(x - 2, apron_); xx <= std::min(x + 2, apron_ + s.size.width - 1); ++xx) {
@@ -136,13 +136,12 @@ void Source::split_highlights(const EnvImage& image) {
           }
         for (int c = 0; c < 3; ++c) hit.base[c] = std::min(t[c], n > 0 ? static_cast<float>(sum[c] / n) : threshold_);
         hit.base[3] = channels_ > 3 ? t[3] : 0;  // alpha, or no channel at all
-        rows[static_cast<std::size_t>(j)].push_back(hit);
+        found_in[i].push_back(hit);
       }
-    });
-    for (const auto& row : rows) found.insert(found.end(), row.begin(), row.end());
-    for (const RowRange& row : ranges[f])
-      for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], row.low[c]);
-  }
+  });
+  for (const auto& some : found_in) found.insert(found.end(), some.begin(), some.end());
+  for (const RectangleRange& r : ranges)
+    for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], r.low[c]);
   for (const Found& h : found) {
     const float* t = pixel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);
     Highlights::Block& block = *block_at(h.face, h.x, h.y, true);

@@ -618,39 +618,43 @@ void add_weighted(int channels, int width, int height, const float* values, std:
 }
 
 template <int channels>
-void range_of(int n, const float* HWY_RESTRICT values, float low[4], float high[4]) {
+void range_of(int width, int height, const float* HWY_RESTRICT values, std::ptrdiff_t pitch, float low[4],
+              float high[4]) {
   const hn::CappedTag<float, 16> d;
   constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
   hn::Vec<decltype(d)> least[channels], most[channels];
-  constexpr float largest = std::numeric_limits<float>::max();  // what is no number is left out
+  constexpr float largest = std::numeric_limits<float>::max();
   std::fill_n(low, channels, largest), std::fill_n(high, channels, -largest);
-  int x = 0;
-  // Of as many texels as lanes, whose values' channels follow each other lane by lane.
-  if (n >= lanes) {
-    for (int k = 0; k < channels; ++k) least[k] = hn::Set(d, largest), most[k] = hn::Set(d, -largest);
-    for (; x + lanes <= n; x += lanes)
+  for (int k = 0; k < channels; ++k) least[k] = hn::Set(d, largest), most[k] = hn::Set(d, -largest);
+  const int whole = width / lanes * lanes;
+  for (int y = 0; y < height; ++y) {
+    const float* HWY_RESTRICT row = values + y * pitch;
+    // Of as many texels as lanes, whose values' channels follow each other lane by lane.
+    for (int x = 0; x < whole; x += lanes)
       for (int k = 0; k < channels; ++k) {
-        const auto v = hn::LoadU(d, values + static_cast<std::ptrdiff_t>(x) * channels + k * lanes);
+        const auto v = hn::LoadU(d, row + static_cast<std::ptrdiff_t>(x) * channels + k * lanes);
         least[k] = hn::Min(v, least[k]), most[k] = hn::Max(v, most[k]);
       }
-    HWY_ALIGN float a[lanes], b[lanes];
-    for (int k = 0; k < channels; ++k) {
-      hn::Store(least[k], d, a), hn::Store(most[k], d, b);
-      for (int l = 0; l < lanes; ++l) {
-        const int c = (k * lanes + l) % channels;
-        low[c] = std::min(low[c], a[l]), high[c] = std::max(high[c], b[l]);
+    for (int x = whole; x < width; ++x)
+      for (int c = 0; c < channels; ++c) {
+        const float v = row[static_cast<std::ptrdiff_t>(x) * channels + c];
+        low[c] = std::min(low[c], v), high[c] = std::max(high[c], v);
       }
+  }
+  HWY_ALIGN float a[lanes], b[lanes];
+  for (int k = 0; k < channels; ++k) {
+    hn::Store(least[k], d, a), hn::Store(most[k], d, b);
+    for (int l = 0; l < lanes; ++l) {
+      const int c = (k * lanes + l) % channels;
+      low[c] = std::min(low[c], a[l]), high[c] = std::max(high[c], b[l]);
     }
   }
-  for (; x < n; ++x)
-    for (int c = 0; c < channels; ++c) {
-      const float v = values[static_cast<std::ptrdiff_t>(x) * channels + c];
-      low[c] = std::min(low[c], v), high[c] = std::max(high[c], v);
-    }
 }
 
-void value_range(int channels, int n, const float* values, float low[4], float high[4]) {
-  channels == 3 ? range_of<3>(n, values, low, high) : range_of<4>(n, values, low, high);
+void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
+                 float high[4]) {
+  channels == 3 ? range_of<3>(width, height, values, pitch, low, high)
+                : range_of<4>(width, height, values, pitch, low, high);
 }
 
 void rotate_directions(const float m[9], std::size_t n, float* HWY_RESTRICT x, float* HWY_RESTRICT y,
@@ -733,8 +737,9 @@ void add_weighted(int channels, int width, int height, const float* values, std:
   HWY_DYNAMIC_DISPATCH(add_weighted)(channels, width, height, values, pitch, weights, sums);
 }
 
-void value_range(int channels, int n, const float* values, float low[4], float high[4]) {
-  HWY_DYNAMIC_DISPATCH(value_range)(channels, n, values, low, high);
+void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
+                 float high[4]) {
+  HWY_DYNAMIC_DISPATCH(value_range)(channels, width, height, values, pitch, low, high);
 }
 
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z) {

@@ -103,8 +103,10 @@ void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
 void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
                   double* sums);
 
-/// Lowest and highest values by channel (3 or 4) of n >= 1 texels.
-void value_range(int channels, int n, const float* values, float low[4], float high[4]);
+/// Lowest and highest values by channel (3 or 4) of width x height texels, `pitch` floats from row to row; what is no
+/// number is left out.
+void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
+                 float high[4]);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);

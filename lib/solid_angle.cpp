@@ -18,7 +18,7 @@
 namespace envconv {
 namespace {
 
-constexpr int most_block = 64;
+constexpr int most_block = visit_side;
 constexpr double widest_patch = 0.26;  // of a face: where 8 nodes a side are enough for a cube's
 
 struct Interval {

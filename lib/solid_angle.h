@@ -44,6 +44,8 @@ void add_to_sums(const EnvImage& image, int face, int x0, int y0, int nx, int ny
 /// The means that follow from the sums over all texels.
 SphereMean mean_of_sums(std::span<const double> sums);
 
+/// Largest side of the rectangles below, whose corners are at multiples of it.
+inline constexpr int visit_side = 64;
 /// The same, and calls visit(face, x0, y0, width, height) for rectangles of texels that have just been read, while the
 /// cache holds them: all of a face's texels once, from several threads at a time, those of a row from one.
 SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit);

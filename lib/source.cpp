@@ -96,30 +96,28 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
   }
 }
 
-// The image's mean, and every row's range by face, from one walk through its memory.
-std::vector<std::vector<Source::RowRange>> Source::survey(const EnvImage& image) {
-  std::vector<std::vector<RowRange>> rows;
-  for (const SourceFace& s : faces_) {
-    RowRange none;
-    none.low.fill(std::numeric_limits<float>::max());
-    none.brightest = 0;
-    rows.emplace_back(static_cast<std::size_t>(s.size.height), none);
+// The image's mean, and ranges of rectangles of texels, from one walk through its memory.
+std::vector<Source::RectangleRange> Source::survey(const EnvImage& image) {
+  constexpr int side = visit_side;
+  std::vector<RectangleRange> ranges;
+  std::vector<std::size_t> first;  // of a face's
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    first.push_back(ranges.size());
+    const Size size = faces_[f].size;
+    for (int y = 0; y < size.height; y += side)
+      for (int x = 0; x < size.width; x += side)
+        ranges.push_back({static_cast<int>(f), x, y, std::min(side, size.width - x), std::min(side, size.height - y)});
   }
-  mean_ = sphere_mean(image, [&](int f, int x0, int y0, int width, int height) {
+  mean_ = sphere_mean(image, [&](int f, int x, int y, int width, int height) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
-    if (x0 == 0) s.image->relieve();  // once for some rows
-    for (int y = y0; y < y0 + height; ++y) {
-      float low[4], high[4];
-      value_range(channels_, width, s.pixels + y * s.pitch + x0 * channels_, low, high);
-      RowRange& range = rows[static_cast<std::size_t>(f)][static_cast<std::size_t>(y)];
-      for (int c = 0; c < channels_; ++c) {
-        float& to = range.low[static_cast<std::size_t>(c)];
-        to = std::min(to, low[c]);
-        if (c < 3) range.brightest = std::max({range.brightest, high[c], -low[c]});
-      }
-    }
+    if (x == 0) s.image->relieve();  // once for some rows
+    const auto number = static_cast<std::size_t>(y / side * ((s.size.width + side - 1) / side) + x / side);
+    RectangleRange& range = ranges[first[static_cast<std::size_t>(f)] + number];
+    float high[4];
+    value_range(channels_, width, height, s.pixels + y * s.pitch + x * channels_, s.pitch, range.low.data(), high);
+    for (std::size_t c = 0; c < 3; ++c) range.brightest = std::max({range.brightest, high[c], -range.low[c]});
   });
-  return rows;
+  return ranges;
 }
 
 // Above, below, left and right of the face, with some texels of it: a window that is not wholly in the face is wholly

@@ -211,12 +211,13 @@ class Source {
   using Texel = std::array<float, 4>;
   void place_faces(const EnvImage& image);
   void copy_pixels(const EnvImage& image, int first_channel);
-  // Of a row of a face: the lowest value of each channel, and the largest magnitude of the first three.
-  struct RowRange {
-    Texel low;
-    float brightest;
+  // Of a rectangle of a face's texels: the lowest value of each channel, and the largest magnitude of the first three.
+  struct RectangleRange {
+    int face, x, y, width, height;
+    Texel low{};
+    float brightest = 0;
   };
-  std::vector<std::vector<RowRange>> survey(const EnvImage& image);
+  std::vector<RectangleRange> survey(const EnvImage& image);
   void make_strips();
   void split_highlights(const EnvImage& image);
   void spread_highlights();
