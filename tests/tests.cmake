@@ -89,7 +89,7 @@ target_link_libraries(pairs_bench PRIVATE libenvconv TBB::tbb)
 find_package(OpenCV QUIET COMPONENTS core imgproc)
 if(OpenCV_FOUND)
   add_executable(peers_bench EXCLUDE_FROM_ALL tests/bench/peers_bench.cpp)
-  target_link_libraries(peers_bench PRIVATE libenvconv opencv_core opencv_imgproc)
+  target_link_libraries(peers_bench PRIVATE libenvconv TBB::tbb opencv_core opencv_imgproc)
 endif()
 
 # The same for BC6H (ninja bc6h_bench).
