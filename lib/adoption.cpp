@@ -339,6 +339,7 @@ void Source::adopt(const Orphans& orphans) {
 void Source::adopt_patch(const ExactPatch& patch) {
   std::vector<float> row(static_cast<std::size_t>(patch.width * channels_));
   for (int j = 0; j < patch.height; ++j) {
+    faces_[static_cast<std::size_t>(patch.from_face)].image->texels_touched();
     const int from_x = patch.from_x + j * patch.down_x, from_y = patch.from_y + j * patch.down_y;
     if (patch.right_x == 1 && patch.right_y == 0) {
       copy_row(patch.from_face, from_x, from_y, patch.width, row.data());
@@ -352,6 +353,7 @@ void Source::adopt_patch(const ExactPatch& patch) {
 }
 
 Source::Texel Source::interpolate(const Orphan& orphan) const {
+  faces_[static_cast<std::size_t>(orphan.from_face)].image->texels_touched();
   const int x = static_cast<int>(std::floor(orphan.from_x)), y = static_cast<int>(std::floor(orphan.from_y));
   const auto wx = adopt_table().at(orphan.from_x - x), wy = adopt_table().at(orphan.from_y - y);
   float copy[adopt_taps * adopt_taps * 4 + 16];
@@ -364,6 +366,7 @@ Source::Texel Source::interpolate(const Orphan& orphan) const {
 
 Source::Texel Source::nearest_owned(const Orphan& orphan, const Ownership& ownership) const {
   constexpr int farthest = 3;
+  faces_[static_cast<std::size_t>(orphan.from_face)].image->texels_touched();
   const int near_x = static_cast<int>(std::lround(orphan.from_x)),
             near_y = static_cast<int>(std::lround(orphan.from_y));
   Texel texel{};
@@ -386,6 +389,7 @@ Source::Texel Source::nearest_owned(const Orphan& orphan, const Ownership& owner
 // To the own copy where it is inside the face, and to every strip that holds some of it.
 void Source::write_row(int face, int x, int y, int count, const float* texels) {
   const auto f = static_cast<std::size_t>(face);
+  faces_[f].image->texels_touched();
   const auto put = [&](Image& image, int left, int top) {  // whose first texel is the padded texel (left, top)
     if (y < top || y >= top + image.height()) return;
     const int begin = std::max(x, left), end = std::min(x + count, left + image.width());

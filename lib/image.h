@@ -64,6 +64,9 @@ class Image {
   /// Scratch::relieve(), where that is what this image lives in: for loops over many texels that do not ask for rows,
   /// since row() does it.
   void relieve() const;
+  /// The same once in a while, for loops that read some texels here and there: each time the system may map as many
+  /// pages as it does about one that is read (64 KiB on Linux).
+  void texels_touched() const;
   /// What the rows above `y` hold is not needed any more: a large image gives their memory back to the system.
   void forget_rows_above(int y);
 

@@ -133,6 +133,7 @@ void Source::make_strips() {
       strip.pixels.fill(0);
       for (int j = std::max(y, apron_); j < std::min(y + height, apron_ + s.size.height); ++j) {
         const int begin = std::max(x, apron_), end = std::min(x + width, apron_ + s.size.width);
+        s.image->texels_touched();
         if (begin < end) copy_row(static_cast<int>(f), begin, j, end - begin, strip.pixels.at(begin - x, j - y));
       }
       strips_[f].push_back(std::move(strip));
