@@ -3,8 +3,6 @@
 
 #include <ImfChannelList.h>
 #include <ImfPartType.h>
-#include <tbb/parallel_pipeline.h>
-#include <tbb/task_arena.h>
 
 #include <bit>
 #include <cstring>
@@ -12,6 +10,7 @@
 
 #include "exr_chunks.h"
 #include "exr_zip.h"
+#include "in_order.h"
 
 namespace envconv {
 namespace {
@@ -169,34 +168,13 @@ void ChunkWriter::write(std::size_t part, int level, const Image& image, const s
   const std::int64_t chunk_values = what.grid.block_width * what.grid.block_height * image.channels();
   what.at_once = std::max<std::int64_t>(1, (std::int64_t{1} << 15) / chunk_values);
 
-  const auto put = [&](const ChunkPacker& packer) {
-    for (const std::size_t start : packer.starts()) offsets_.push_back(file_.tell() + start);
-    file_.write(packer.bytes().data(), packer.bytes().size());
-  };
   const std::int64_t runs = (what.grid.count() + what.at_once - 1) / what.at_once;
-  if (runs == 1) {
-    ChunkPacker packer;
-    packer.pack(what, 0, counts);
-    return put(packer);
-  }
-  // Runs leave in their order, so no two that are under way at a time have the same packer.
-  std::vector<ChunkPacker> packers(static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1);
-  const auto packer_of = [&](std::int64_t run) -> ChunkPacker& {
-    return packers[static_cast<std::size_t>(run) % packers.size()];
-  };
-  std::int64_t next = 0;
-  const auto take =
-      tbb::make_filter<void, std::int64_t>(tbb::filter_mode::serial_in_order, [&](tbb::flow_control& flow) {
-        if (next == runs) flow.stop();
-        return next++;
+  in_order<ChunkPacker>(
+      runs, [&](ChunkPacker& packer, std::int64_t run) { packer.pack(what, run * what.at_once, counts); },
+      [&](const ChunkPacker& packer, std::int64_t) {
+        for (const std::size_t start : packer.starts()) offsets_.push_back(file_.tell() + start);
+        file_.write(packer.bytes().data(), packer.bytes().size());
       });
-  const auto pack = tbb::make_filter<std::int64_t, std::int64_t>(tbb::filter_mode::parallel, [&](std::int64_t run) {
-    packer_of(run).pack(what, run * what.at_once, counts);
-    return run;
-  });
-  const auto store = tbb::make_filter<std::int64_t, void>(tbb::filter_mode::serial_in_order,
-                                                          [&](std::int64_t run) { put(packer_of(run)); });
-  tbb::parallel_pipeline(packers.size(), take & pack & store);
 }
 
 void ChunkWriter::finish() {

@@ -8,18 +8,12 @@
 namespace envconv {
 
 std::span<const std::uint8_t> ZipCodec::pack(std::span<const std::uint8_t> chunk, int level) {
-  if (!compressor_ || level_ != level) {
-    compressor_.reset(libdeflate_alloc_compressor(level));
-    if (!compressor_) throw std::bad_alloc();
-    level_ = level;
-  }
   split_.resize(chunk.size());
   packed_.resize(chunk.size());
   split_bytes(chunk.data(), chunk.size(), split_.data());
   // A chunk of its own size is one that is not deflated.
   const std::size_t room = chunk.empty() ? 0 : chunk.size() - 1;
-  const std::size_t size =
-      libdeflate_zlib_compress(compressor_.get(), split_.data(), split_.size(), packed_.data(), room);
+  const std::size_t size = deflater_.zlib(split_, level, {packed_.data(), room});
   return size == 0 ? chunk : std::span<const std::uint8_t>(packed_.data(), size);
 }
 

@@ -309,17 +309,8 @@ int write_file(const char* format, const EnvconvImageioPicture* picture, const E
     const bool real = type == oiio::TypeDesc::FLOAT || type == oiio::TypeDesc::HALF;
     if (*picture->curve) spec.attribute("oiio:ColorSpace", picture->curve);
     if (!real && picture->alpha >= 0) spec.attribute("oiio:UnassociatedAlpha", 1);
-    if (std::string_view(format) == "png" && *picture->compression) {
-      spec.attribute("png:compressionLevel", std::atoi(picture->compression + std::strlen("png:")));
-    } else if (*picture->compression) {
-      spec.attribute("Compression", picture->compression);
-    }
+    if (*picture->compression) spec.attribute("Compression", picture->compression);
     if (*picture->description) spec.attribute(picture->attribute, picture->description);
-    if (picture->tile > 0) {
-      spec.tile_width = spec.tile_height = picture->tile;
-      // By this, readers take the pictures that follow for levels.
-      spec.attribute("textureformat", "Plain Texture");
-    }
     Proxy proxy(*sink);
     out->set_ioproxy(&proxy);
     const bool good = out->open("envconv", spec) && out->write_image(type, picture->pixels) && out->close();

@@ -9,7 +9,7 @@
 extern "C" {
 
 /// Changes when anything below does.
-constexpr std::uint32_t kEnvconvImageioAbi = 4;
+constexpr std::uint32_t kEnvconvImageioAbi = 5;
 
 /// A picture that was opened.  Numbers of types are envconv::PixelType's, of transfers envconv::Transfer's.
 struct EnvconvImageioSpec {
@@ -32,7 +32,6 @@ struct EnvconvImageioPicture {
   std::int64_t width, height;
   std::int32_t channels, alpha;
   std::int32_t element;
-  std::int32_t tile;  // the side of the tiles of a texture, or 0: lines
   const char* const* names;
   const void* pixels;
   const char* compression;  // the library's own text, or ""

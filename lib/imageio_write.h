@@ -2,9 +2,7 @@
 // Writing through the image library's module.  Internal: not installed.
 #pragma once
 
-#include <span>
 #include <string>
-#include <vector>
 
 #include "io.h"
 #include "output_file.h"
@@ -19,9 +17,8 @@ struct ImageioFormat {
   std::string compression;  ///< the image library's text, or "" for the usual one
 };
 
-/// Writes the levels of one picture: more than one only as TIFF, where they become tiles and a directory each, the way
-/// that renderers keep textures.  Errors: output; unsupported when there is no module.
-Result<Ok> write_imageio(OutputFile& file, std::span<const std::vector<Picture>> levels, const ImageioFormat& format,
+/// Writes a picture.  Errors: output; unsupported when there is no module.
+Result<Ok> write_imageio(OutputFile& file, const Picture& picture, const ImageioFormat& format,
                          const WriteOptions& options, WriteReport& report);
 
 }  // namespace envconv

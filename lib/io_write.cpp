@@ -20,6 +20,8 @@
 #include "imageio_write.h"
 #include "io_shared.h"
 #include "ktx.h"
+#include "png_write.h"
+#include "tiff_write.h"
 
 namespace envconv {
 
@@ -33,6 +35,7 @@ namespace {
 
 // --- formats that can be written -----------------------------------------------------------------------------------
 
+constexpr int usual_png_level = 6;
 constexpr std::string_view level_hint = "write one file a level, with {mip} in its name, or .exr, .tif, .dds or .ktx2";
 
 struct Format {
@@ -136,7 +139,7 @@ Result<std::string> compression_for(const std::string& path, const Format& forma
   if (is_number && known.substr(0, 5) == "1-100" && number >= 1 && number <= 100) {
     return std::string(format.name) + ":" + text;
   }
-  if (is_number && known == "0-9" && number >= 0 && number <= 9) return std::string("png:") + text;
+  if (is_number && known == "0-9" && number >= 0 && number <= 9) return text;
   for (std::size_t at = 0; at < known.size();) {
     const std::size_t end = std::min(known.find(' ', at), known.size());
     if (known.substr(at, end - at) == text && !is_number) return text;
@@ -435,9 +438,14 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
     done = write_texture(file, levels, *format, options, report);
   } else if (std::string_view(format->name) == "pfm") {
     write_pfm(file, pictures.front(), options, report);
+  } else if (std::string_view(format->name) == "png") {
+    done = write_png(file, pictures.front(), compression.empty() ? usual_png_level : std::stoi(compression), options,
+                     report);
+  } else if (std::string_view(format->name) == "tiff") {
+    done = write_tiff(file, levels, compression, options, report);
   } else {
-    done =
-        write_imageio(file, levels, {format->name, format->extension, format->attribute, compression}, options, report);
+    done = write_imageio(file, pictures.front(), {format->name, format->extension, format->attribute, compression},
+                         options, report);
   }
   if (!done) return on(path, done.error());
   if (file.size() == 0) return on(path, ErrorCode::output, "the writer of this format wrote nothing");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "png_color.h"
 
+#include <libdeflate.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,29 +19,6 @@ constexpr double kUnit = 100000;  // of gAMA and cHRM
 
 std::uint32_t number(const unsigned char* p) {
   return std::uint32_t{p[0]} << 24 | std::uint32_t{p[1]} << 16 | std::uint32_t{p[2]} << 8 | p[3];
-}
-
-void put_number(std::string& to, std::uint32_t value) {
-  for (int shift = 24; shift >= 0; shift -= 8) to += static_cast<char>(value >> shift & 0xFF);
-}
-
-// Of ISO 3309, bit by bit: chunks are short.
-std::uint32_t checksum(std::string_view bytes) {
-  std::uint32_t crc = 0xFFFFFFFF;
-  for (const char c : bytes) {
-    crc ^= static_cast<unsigned char>(c);
-    for (int bit = 0; bit < 8; ++bit) crc = crc >> 1 ^ (crc & 1 ? 0xEDB88320 : 0);
-  }
-  return ~crc;
-}
-
-std::string chunk(std::string_view type, const std::string& data) {
-  std::string bytes;
-  put_number(bytes, static_cast<std::uint32_t>(data.size()));
-  const std::string body = std::string(type) + data;
-  bytes += body;
-  put_number(bytes, checksum(body));
-  return bytes;
 }
 
 void read_cicp(const unsigned char* data, PngColor& color) {
@@ -106,6 +84,18 @@ std::optional<PngColor> read_png_color(int fd) {
   return gamma;
 }
 
+std::string big_endian(std::uint32_t value) {
+  std::string bytes;
+  for (int shift = 24; shift >= 0; shift -= 8) bytes += static_cast<char>(value >> shift & 0xFF);
+  return bytes;
+}
+
+std::string png_chunk(std::string_view type, std::string_view data) {
+  std::string bytes = big_endian(static_cast<std::uint32_t>(data.size()));
+  bytes.append(type).append(data);
+  return bytes + big_endian(libdeflate_crc32(0, bytes.data() + 4, bytes.size() - 4));
+}
+
 std::string png_color_chunks(const ColorEncoding& encoding) {
   if (encoding.transfer == Transfer::unknown) return {};
   const Chromaticities xy = encoding.primaries.value_or(rec709());
@@ -119,22 +109,20 @@ std::string png_color_chunks(const ColorEncoding& encoding) {
   std::string chunks;
   if (primaries && primaries->cicp > 0 && curve > 0) {
     // Primaries, curve, RGB itself, full range.
-    chunks += chunk("cICP", {static_cast<char>(primaries->cicp), static_cast<char>(curve), 0, 1});
+    chunks += png_chunk("cICP", std::string{static_cast<char>(primaries->cicp), static_cast<char>(curve), 0, 1});
   }
   if (encoding.transfer == Transfer::srgb && primaries && primaries->name == "rec709") {
-    chunks += chunk("sRGB", std::string(1, '\0'));  // perceptual intent
+    chunks += png_chunk("sRGB", std::string(1, '\0'));  // perceptual intent
   }
-  std::string data;
-  put_number(data, static_cast<std::uint32_t>(std::lround(kUnit / gamma)));
-  chunks += chunk("gAMA", data);
-  data.clear();
+  chunks += png_chunk("gAMA", big_endian(static_cast<std::uint32_t>(std::lround(kUnit / gamma))));
   const std::array<double, 8> values = chromaticity_values(xy);
   // Unsigned: a primary beyond the plane's edge cannot be told.
   if (*std::min_element(values.begin(), values.end()) < 0) return chunks;
+  std::string data;
   for (const std::size_t i : {6, 7, 0, 1, 2, 3, 4, 5}) {
-    put_number(data, static_cast<std::uint32_t>(std::lround(values[i] * kUnit)));
+    data += big_endian(static_cast<std::uint32_t>(std::lround(values[i] * kUnit)));
   }
-  return chunks + chunk("cHRM", data);
+  return chunks + png_chunk("cHRM", data);
 }
 
 }  // namespace envconv

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The chunks of PNG that tell what its values mean: cICP, sRGB, gAMA and cHRM (PNG, third edition, section 11.3.2),
-// which the image library reads and writes in part.  Internal: not installed.
+// which the image library reads in part.  Internal: not installed.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "color_encoding.h"
 
@@ -23,7 +25,10 @@ std::optional<PngColor> read_png_color(int fd);
 
 /// The chunks for an encoding, to stand right after IHDR; "" when there are none for it.
 std::string png_color_chunks(const ColorEncoding& encoding);
-/// Where IHDR ends in every PNG file.
-inline constexpr std::size_t kPngHeaderEnd = 33;
+
+/// A chunk with its length and checksum; the type has four letters.
+std::string png_chunk(std::string_view type, std::string_view data);
+/// Four bytes.
+std::string big_endian(std::uint32_t value);
 
 }  // namespace envconv

@@ -566,7 +566,8 @@ Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition
   environment.channels = channels;
   ENVCONV_TRY(environment.faces, stored_faces(file, recognition));
   if (recognition.seam.gutter() > 0) {
-    std::vector<Image> middle = without_gutters(environment.faces, recognition.seam.gutter());
+    std::vector<Image> middle =
+        without_gutters(*layout, environment.placement, environment.faces, recognition.seam.gutter());
     if (grown) *grown = std::move(environment.faces);
     environment.faces = std::move(middle);
   }

@@ -17,7 +17,9 @@
 #include <sys/mount.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <tbb/task_arena.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include <atomic>
 #include <chrono>
@@ -30,8 +32,10 @@
 #include <random>
 #include <thread>
 
+#include "deflate.h"
 #include "output_file.h"
-#include "tiff_chain.h"
+#include "stored_pixels.h"
+#include "tiff_write.h"
 
 namespace envconv {
 namespace {
@@ -247,7 +251,7 @@ TEST_F(Io, MultiPartKeepsNamesAndSizes) {
   EXPECT_EQ(can_write("x.png", write, 6, 3).error().code, ErrorCode::unsupported);
 }
 
-// --- TIFF of levels ------------------------------------------------------------------------------------------------
+// --- TIFF and PNG ---------------------------------------------------------------------------------------------------
 
 // Levels of 40x20 down to 1x1, of noise, so that none is made of another.
 std::vector<std::vector<Picture>> chain_of(int channels) {
@@ -301,46 +305,107 @@ TEST_F(Io, TiffLevels) {
   }
 }
 
-// As if 32 bits did not hold the offsets: the pictures were written as small files, and the chain is a large one.
-TEST_F(Io, ATiffChainBeyond4GiB) {
-  WriteOptions write;
-  write.type = PixelType::float32;
+// As if 32 bits did not hold the offsets.
+TEST_F(Io, ATiffBeyond4GiB) {
   const auto levels = chain_of(3);
   for (const std::uint64_t largest : {std::uint64_t{0xFFFFFFFF}, std::uint64_t{1000}}) {
-    auto output = OutputFile::create(path("chain.tif"));
+    auto output = OutputFile::create(path("big.tif"));
     ASSERT_TRUE(output.ok());
-    TiffChain chain(*output);
-    for (const auto& level : levels) {
-      ASSERT_TRUE(write_pictures(path("part.tif"), level, write).ok());
-      const std::string part = bytes_of(path("part.tif"));
-      output->seek(chain.begin());
-      output->write(part.data(), part.size());
-      const auto ended = chain.end();
-      ASSERT_TRUE(ended.ok()) << ended.error().message;
+    {
+      TiffWriter writer(*output, 40 * 20 * 3 * 4 * 4 / 3, largest);
+      WriteReport report;
+      report.type = PixelType::float32;
+      for (const auto& level : levels) {
+        const auto added = writer.add(stored_pixels(level[0], {}, report), {"lzw", "", 64});
+        ASSERT_TRUE(added.ok()) << added.error().message;
+      }
+      ASSERT_TRUE(writer.finish().ok());
     }
-    ASSERT_TRUE(chain.finish(largest).ok());
     ASSERT_TRUE(output->commit().ok());
-    EXPECT_EQ(bytes_of(path("chain.tif")).substr(0, 4), std::string(largest > 1000 ? "II*\0" : "II+\0", 4));
-    const auto file = read_pictures(path("chain.tif"), {});
-    ASSERT_TRUE(file.ok()) << file.error().message;
-    EXPECT_EQ(worst(file->pictures[0].image, levels[0][0].image, relative), 0);
-    // Without the mark of a texture they are pictures of their own.
-    ASSERT_EQ(file->warnings.size(), 1u);
-    EXPECT_NE(file->warnings[0].find("only the first of several pictures"), std::string::npos);
+    EXPECT_EQ(bytes_of(path("big.tif")).substr(0, 4), std::string(largest > 1000 ? "II*\0" : "II+\0", 4));
+    for (int level = 0; level < 6; ++level) {
+      ReadOptions read;
+      read.level = level;
+      const auto file = read_pictures(path("big.tif"), read);
+      ASSERT_TRUE(file.ok()) << file.error().message;
+      EXPECT_EQ(file->levels, 6);
+      EXPECT_EQ(worst(file->pictures[0].image, levels[static_cast<std::size_t>(level)][0].image, relative), 0);
+    }
   }
 }
 
-TEST_F(Io, WhatIsNoTiffCannotBeChained) {
-  for (const std::string& part : {std::string(), std::string("II*\0\xff\xff\xff\x7f", 8), std::string(40, 'x'),
-                                  std::string("II*\0\x08\0\0\0\xff\xff", 10)}) {
-    auto output = OutputFile::create(path("chain.tif"));
-    ASSERT_TRUE(output.ok());
-    TiffChain chain(*output);
-    output->seek(chain.begin());
-    output->write(part.data(), part.size());
-    const auto ended = chain.end();
-    ASSERT_FALSE(ended.ok());
-    EXPECT_EQ(ended.error().code, ErrorCode::output);
+// Strips and bands, many of them and one that is cut, are put together by libtiff and libpng.
+TEST_F(Io, LargePngAndTiff) {
+  using enum PixelType;
+  struct Case {
+    const char* file;
+    PixelType type;
+    int channels;
+    const char* compression;
+  };
+  for (const Case& c : {Case{"a.png", uint8, 3, ""},
+                        {"b.png", uint16, 4, ""},
+                        {"c.png", uint8, 1, "0"},
+                        {"d.png", uint16, 3, "1"},
+                        {"e.png", uint8, 4, "9"},
+                        {"a.tif", uint8, 3, "zip"},
+                        {"b.tif", uint16, 4, "zip"},
+                        {"c.tif", half, 3, "zip"},
+                        {"d.tif", float32, 6, "zip"},
+                        {"e.tif", float32, 3, "lzw"},
+                        {"f.tif", uint8, 1, "packbits"},
+                        {"g.tif", half, 4, "none"}}) {
+    SCOPED_TRACE(c.file);
+    const auto pictures = one(make(1021, 769, c.channels));
+    WriteOptions write;
+    write.type = c.type;
+    write.type_given = true;
+    write.compression = c.compression;
+    ASSERT_TRUE(write_pictures(path(c.file), pictures, write).ok());
+    const auto file = read_pictures(path(c.file), {});
+    ASSERT_TRUE(file.ok()) << file.error().message;
+    EXPECT_EQ(file->pictures[0].type, c.type);
+    const double steps = c.type == uint8 ? 255 : 65535;
+    const bool alpha = c.channels == 4;
+    EXPECT_LE(worst(pictures[0].image, file->pictures[0].image,
+                    [&](float a, float b) {
+                      return c.type == float32 ? std::abs(a - b)
+                             : c.type == half  ? relative(a, b) * 1000
+                             : alpha           ? std::abs(a - b) * steps / 8
+                                               : std::abs(srgb(a) - srgb(b)) * steps;
+                    }),
+              c.type == float32 ? 0 : 0.51);
+    const std::string bytes = bytes_of(path(c.file));
+    tbb::task_arena(1).execute([&] { ASSERT_TRUE(write_pictures(path(c.file), pictures, write).ok()); });
+    EXPECT_EQ(bytes_of(path(c.file)), bytes);
+  }
+}
+
+// Parts of a stream, put behind each other, are what zlib inflates to all bytes.
+TEST(Deflate, PartsAreAStream) {
+  std::mt19937 random(7);
+  Deflater deflater;
+  for (const int level : {0, 1, 6, 9, 12}) {
+    for (const unsigned kinds : {1u, 2u, 20u, 256u}) {
+      std::vector<std::uint8_t> all, stream, part;
+      for (const std::size_t size : {0, 1, 2, 3, 5, 70, 1000, 32768, 40000, 300000, 9}) {
+        std::vector<std::uint8_t> bytes(size);
+        for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random() % kinds);
+        deflater.part(bytes, level, size == 9, part);
+        stream.insert(stream.end(), part.begin(), part.end());
+        all.insert(all.end(), bytes.begin(), bytes.end());
+      }
+      std::vector<std::uint8_t> back(all.size() + 1);
+      z_stream z{};
+      ASSERT_EQ(inflateInit2(&z, -15), Z_OK);
+      z.next_in = stream.data(), z.avail_in = static_cast<uInt>(stream.size());
+      z.next_out = back.data(), z.avail_out = static_cast<uInt>(back.size());
+      EXPECT_EQ(inflate(&z, Z_FINISH), Z_STREAM_END);
+      EXPECT_EQ(z.avail_in, 0u);
+      back.resize(z.total_out);
+      inflateEnd(&z);
+      EXPECT_EQ(back, all) << level << " " << kinds;
+    }
   }
 }
 

@@ -75,7 +75,8 @@ add_dependencies(container_test envconv_imageio)
 add_dependencies(container_damage_test envconv_imageio)
 if(TARGET io_test)
   add_dependencies(io_test envconv_imageio)  # loaded at run time
-  target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR)  # writes what the library does not
+  # They write what the library does not, inflate what it deflates, and choose the number of threads.
+  target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR PkgConfig::ZLIB PkgConfig::DEFLATE TBB::tbb)
 endif()
 
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).

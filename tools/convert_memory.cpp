@@ -29,7 +29,7 @@ std::size_t thread_count(int asked) {
 std::size_t overhead(int threads) { return 10 * MiB + thread_count(threads) * 2 * MiB; }
 
 // The image library and the 260 others that it brings along, once it is loaded (measured: a picture of one texel as
-// PNG, TIFF or JPEG against OpenEXR).
+// JPEG against OpenEXR).
 constexpr std::size_t image_library = 116 * MiB;
 
 // Of scratch storage: what must be left for pages of images to be worked on, and the part of the memory allowed that
@@ -130,6 +130,12 @@ class Stages {
     return path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
   }
 
+  // Of what writes it: the image library, or buffers for PNG and TIFF, one more than there are threads.
+  std::size_t encoder(std::string_view path, std::size_t encoded) const {
+    const bool ours = path.ends_with(".png") || path.ends_with(".tif") || path.ends_with(".tiff");
+    return ours ? std::min(2 * encoded, (1 + thread_count(o_.threads)) * 4 * MiB) : image_library;
+  }
+
   Stage writing() const {
     Stage stage;
     const LevelBytes levels = level_bytes(o_.levels, level_place(plan_, job_), shape_.height, shape_.channels);
@@ -154,7 +160,8 @@ class Stages {
     } else {
       // Floats are the image's own.
       const std::size_t elements = type == PixelType::float32 ? 0 : encoded;
-      stage.working = image_library + (o_.packing->name == "files" ? elements / shape_.faces.size() : elements);
+      stage.working =
+          encoder(path, encoded) + (o_.packing->name == "files" ? elements / shape_.faces.size() : elements);
     }
     return stage;
   }
@@ -173,7 +180,7 @@ class Stages {
       const bool apart = o_.write.compression.empty();
       stage.working += apart ? encoded / static_cast<std::size_t>(pictures_of(plan_)) : encoded + 16 * MiB;
     } else if (!is_streamed(path)) {
-      stage.working += image_library + std::min(encoded, 16 * MiB);
+      stage.working += encoder(path, encoded) + std::min(encoded, 16 * MiB);
       stage.decoder = image_library + 2 * encoded;
     }
     return stage;

@@ -32,8 +32,7 @@ def figures(layout, folder):
             info = json.loads(run("info", "--seams", "--json", "--from", layout, f"{folder}/{{face}}_{level}.exr"))
             means = [c["mean"] for c in info["channels"]]
             first = first or means
-            if not method.startswith("gutter"):
-                drift = max([drift] + [abs(a / b - 1) for a, b in zip(means, first)])
+            drift = max([drift] + [abs(a / b - 1) for a, b in zip(means, first)])
             if SIZE >> level >= 8:
                 ratios.append(info["seams"]["rms"] / info["seams"]["inside_rms"])
             level += 1
