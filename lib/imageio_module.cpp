@@ -17,6 +17,7 @@
 #include <string_view>
 
 #include "decoder.h"
+#include "tiff_bounds.h"
 
 namespace {
 
@@ -126,6 +127,10 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
               std::size_t size) {
   try {
     quiet();
+    if (std::string_view(format) == "tiff" && envconv::tiff_fields_cut_off(fd)) {
+      say(error, size, "a field lies behind the end of the file");
+      return 0;
+    }
     auto input = std::make_unique<Input>(fd);
     // By format, never by name: a name would let the library try all its readers.
     input->in = oiio::ImageInput::create(format);
