@@ -17,6 +17,7 @@
 #include <string_view>
 
 #include "decoder.h"
+#include "tiff_bounds.h"
 
 namespace {
 
@@ -126,6 +127,10 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
               std::size_t size) {
   try {
     quiet();
+    if (std::string_view(format) == "tiff" && envconv::tiff_fields_cut_off(fd)) {
+      say(error, size, "a field lies behind the end of the file");
+      return 0;
+    }
     auto input = std::make_unique<Input>(fd);
     // By format, never by name: a name would let the library try all its readers.
     input->in = oiio::ImageInput::create(format);
@@ -230,6 +235,25 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
   return 0;
 }
 
+// The TIFF reader forgets errors of whole strips: what was in memory passes for pixels.  Of single rows it reports
+// them. Not where planes are apart, whose strips would be unpacked anew for every row.
+bool wants_rows(const Input& input) {
+  return input.in->format_name() == std::string_view("tiff") && input.spec.tile_width == 0 &&
+         input.spec.get_string_attribute("planarconfig") != "separate";
+}
+
+bool read_rows(const Input& input, char* pixels) {
+  const oiio::ImageSpec& spec = input.spec;
+  const std::size_t bytes = static_cast<std::size_t>(spec.width) * static_cast<std::size_t>(spec.nchannels) *
+                            envconv::size_of(input.type.element);
+  for (int y = 0; y < spec.height; ++y, pixels += bytes) {
+    if (!input.in->read_scanlines(0, input.level, spec.y + y, spec.y + y + 1, 0, 0, spec.nchannels,
+                                  input.type.delivered, pixels))
+      return false;
+  }
+  return true;
+}
+
 int read_file(void* handle, void* pixels, std::size_t bytes, char* error, std::size_t size) {
   try {
     Input& input = *static_cast<Input*>(handle);
@@ -240,7 +264,9 @@ int read_file(void* handle, void* pixels, std::size_t bytes, char* error, std::s
       say(error, size, "the picture changed its size");
       return 0;
     }
-    const bool read = input.in->read_image(0, input.level, 0, spec.nchannels, input.type.delivered, pixels);
+    const bool read = wants_rows(input)
+                          ? read_rows(input, static_cast<char*>(pixels))
+                          : input.in->read_image(0, input.level, 0, spec.nchannels, input.type.delivered, pixels);
     // Some readers return success and leave the error for whoever asks.
     std::string text = input.in->geterror();
     const bool closed = input.in->close();

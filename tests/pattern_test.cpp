@@ -259,7 +259,7 @@ TEST(Grid, LinesAreWhereTheyBelong) {
   const EnvImage image = made(options_of(PatternKind::grid, layout("latlong"), 360));
   const Image& face = image.faces[0];
   const auto at = [&](double longitude, double latitude) {
-    return face.at(static_cast<int>(std::floor((longitude / 360 + 0.5) * 720)),
+    return face.at(static_cast<int>(std::floor((longitude / 360 + 0.5) * 720)) % 720,  // 180 is -180
                    static_cast<int>(std::floor((0.5 - latitude / 180) * 360)));
   };
   for (int latitude = -60; latitude <= 60; latitude += 10)

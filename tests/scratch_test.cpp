@@ -96,6 +96,24 @@ TEST_F(ScratchTest, BoundsWhatIsInMemory) {
   EXPECT_GT(most, limit - 8 * MiB) << "no more is unmapped than is asked for";
 }
 
+TEST_F(ScratchTest, BoundsWhatSingleTexelsBring) {
+  const std::size_t before = resident(), limit = before + 32 * MiB;
+  Image image(8192, 2048, 2, scratch(limit));  // 128 MiB
+  image.fill(1.0f);
+  image.relieve();
+  std::size_t most = 0;
+  float sum = 0;
+  for (int pass = 0; pass < 4; ++pass) {
+    for (int y = 0; y < image.height(); ++y) {
+      image.texels_touched();
+      sum += *image.at(pass * 2048, y);  // one page, and those around it
+      most = std::max(most, resident());
+    }
+  }
+  EXPECT_EQ(sum, 4.0f * 2048);
+  EXPECT_LT(most, limit + 4 * MiB);
+}
+
 TEST_F(ScratchTest, WatchesByItself) {
   const std::size_t before = resident();
   Image image(8192, 2048, 2, scratch(0));  // 128 MiB

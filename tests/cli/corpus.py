@@ -69,7 +69,8 @@ def good_files(folder):
     write_exr(folder / "plain.exr", width, height, lambda x, y: (x / 32, y / 16, (x * y % 7) / 7))
     files = {"plain.exr": (folder / "plain.exr").read_bytes()}
     for name, options in (("zip.exr", ("--compression", "zip")), ("piz.exr", ("--compression", "piz")),
-                          ("good.hdr", ()), ("good.tif", ("--type", "float")), ("good.jpg", ())):
+                          ("good.hdr", ()), ("good.tif", ("--type", "float")), ("zip.tif", ("--type", "uint8")),
+                          ("good.jpg", ())):
         subprocess.run([BINARY, "convert", "plain.exr", "-o", name, "--to", "latlong", "-q", *options], cwd=folder,
                        check=True)
         files[name] = (folder / name).read_bytes()
@@ -170,6 +171,11 @@ def late(files):
     yield "zip.exr", "last-chunk", exr[:-12] + b"\xff" * 12
     hdr = files["good.hdr"]
     yield "good.hdr", "last-line", hdr[:-20] + b"\2\2\0\x20" + b"\xff" * 16
+    # A stream that breaks off in an error: libraries forget it, and deliver what was in memory.
+    tiff_file = files["zip.tif"]
+    stream = tiff_file.index(b"x\x9c")
+    yield "zip.tif", "stream", replaced(tiff_file, stream + 39, bytes([tiff_file[stream + 39] ^ 0x40]))
+    yield "zip.tif", "checksum", replaced(tiff_file, stream + 200, bytes([tiff_file[stream + 200] ^ 1]))
     for name in ("good.dds", "good.ktx2"):
         yield name, "last-row", files[name][:-512]
 

@@ -5,6 +5,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import signal
 import struct
 import subprocess
@@ -49,7 +50,8 @@ SCENARIOS = {
     24: ("calls fail", ["faults_test.Disks.test_every_format", "faults_test.Disks.test_reads_that_fail"]),
     25: ("closed pipe", ["convert_test.Streams.test_a_reader_that_goes_away", "faults_test.Files.test_info_into_a_closed_pipe"]),
     26: ("/dev/full", ["convert_test.Streams.test_full_disk_behind_stdout"]),
-    27: ("one bad file of many", ["faults_test.Files.test_one_bad_file_of_many"]),
+    27: ("one bad file of many", ["faults_test.Files.test_one_bad_file_of_many",
+                                  "faults_test.Files.test_folders_that_vanish_under_a_batch"]),
     28: ("one output for two", ["batch_test.Batch.test_collisions_are_found_before_any_work",
                                 "batch_test.Batch.test_names_that_differ_in_case_only_are_two_here"]),
     29: ("two batches", ["signals_test.Signals.test_batches_share_a_folder"]),
@@ -358,6 +360,35 @@ class Files(Case):
         # The one that failed is all that the next run does, once it is mended.
         self.path("050.exr").chmod(0o644)
         self.run_tool(*convert, "-n", "-v").says("100 inputs: 1 converted, 99 skipped, 0 failed")
+
+    def test_folders_that_vanish_under_a_batch(self):
+        for vanishing, left in (("in", "out"), ("out", "in")):
+            for folder in ("in", "out"):
+                self.path(folder).mkdir(exist_ok=True)
+            names = [f"in/{i:03}.exr" for i in range(60)]
+            for name in names:
+                write_constant(self.path(name), 1, 128, 64)
+            tool = subprocess.Popen([BINARY, "convert", *names, "-o", "out/", "--size", "64", "--keep-going", "--json",
+                                     "-j", "1"], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            first = tool.stdout.readline()
+            while self.path(vanishing).exists():  # a file may have come in the meantime
+                shutil.rmtree(self.path(vanishing), ignore_errors=True)
+            out, err = tool.communicate(timeout=120)
+            self.assertEqual(tool.returncode, 7, err)
+            *reports, summary = map(json.loads, (first + out).splitlines())
+            summary = summary["summary"]
+            self.assertEqual(sum(summary[key] for key in ("converted", "failed", "not_done")), 60)
+            self.assertGreater(min(summary["converted"], summary["failed"]), 0)
+            failed = [r for r in reports if r["error"]]
+            self.assertEqual({r["status"] for r in failed}, {3 if vanishing == "in" else 4})
+            for r in failed:
+                self.assertRegex(r["error"], os.strerror(errno.ENOENT) + "|the folder does not exist")
+            # What is left in the other folder is whole, and only that.
+            written = {r["output"] for r in reports if not r["error"]} if left == "out" else set(names)
+            self.assertEqual({f for f in self.files() if f.startswith(left)}, written)
+            for name in sorted(written)[:3]:
+                self.json("info", name)
+            shutil.rmtree(self.path(left))
 
     def test_a_locale_changes_no_byte(self):
         write_constant(self.path("in.exr"), 0.3)

@@ -94,6 +94,17 @@ class Memory(Case):
         self.assertEqual(self.files(), ["in.exr", "small.exr"])
 
     @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_columns_of_a_panorama_count_too(self):
+        # Texels at its sides lie in every row: all of its 216 MB are touched where they are read.
+        self.make_large("in.exr", 3000)
+        for words in (("in.exr", "-o", "out.exr", "--size", 400), ("in.exr", "-o", "out.exr", "--rotate", "40,50,60",
+                      "--to", "octahedral", "--size", 600)):
+            needed = int(re.search(r"about (\d+) MB", self.run_tool("convert", *words, "--memory", "1M", expect=6).err)[1])
+            words += ("--memory", (needed + 2) * MB)
+            self.assertGreater(self.json("convert", *words, "--dry-run")["scratch"], 0, words)
+            self.assertLess(self.measured(*words), (needed + 2) * MB, words)
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
     def test_in_a_batch_too(self):
         self.make_large("b.exr", 2048)
         names = ["a.exr", "b.exr", "c.exr"]
