@@ -37,11 +37,11 @@ inline double nyquist(const Layout& layout, int height) {
   return std::isfinite(requirement) ? M_PI * std::sqrt(texels / requirement) : M_PI * std::sqrt(texels / (4 * M_PI));
 }
 
-/// The height of face 0 at which a layout has about so many texels.
+/// The height of face 0, a multiple of 4 as sizes mostly are, at which a layout has about so many texels.
 inline int height_of(const Layout& layout, double texels) {
   constexpr int large = 4096;
-  return std::max(
-      1, static_cast<int>(std::lround(large * std::sqrt(texels / static_cast<double>(texel_count(layout, large))))));
+  const double quarters = large / 4 * std::sqrt(texels / static_cast<double>(texel_count(layout, large)));
+  return 4 * std::max(1, static_cast<int>(std::lround(quarters)));
 }
 
 class Signal {

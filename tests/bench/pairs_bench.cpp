@@ -140,7 +140,10 @@ void print_quality(const Options& options) {
       if (from == to) continue;
       const int height = height_of(*from, options.source_texels);
       const ResampleOptions r = resampling(options, *to);
-      const Signal signal(nyquist(*to, r.height), 0.98 * nyquist(*from, height), options.seed);
+      // What is enlarged holds no more than the source did.
+      const double held = nyquist(*from, height), wanted = nyquist(*to, r.height);
+      const bool grows = options.target_texels > options.source_texels;
+      const Signal signal(grows ? std::min(held, wanted) : wanted, 0.98 * held, options.seed);
       const EnvImage out = converted(paint(*from, height, signal), r);
       const auto best = std::make_unique<Best>(*from, height, signal);
       const Estimate estimates[] = {estimate_of(out), [&](int f, int x, int y) {
