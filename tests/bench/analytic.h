@@ -37,11 +37,11 @@ inline double nyquist(const Layout& layout, int height) {
   return std::isfinite(requirement) ? M_PI * std::sqrt(texels / requirement) : M_PI * std::sqrt(texels / (4 * M_PI));
 }
 
-/// The height of face 0 at which a layout has about so many texels.
+/// The height of face 0, a multiple of 4 as sizes mostly are, at which a layout has about so many texels.
 inline int height_of(const Layout& layout, double texels) {
   constexpr int large = 4096;
-  return std::max(
-      1, static_cast<int>(std::lround(large * std::sqrt(texels / static_cast<double>(texel_count(layout, large))))));
+  const double quarters = large / 4 * std::sqrt(texels / static_cast<double>(texel_count(layout, large)));
+  return 4 * std::max(1, static_cast<int>(std::lround(quarters)));
 }
 
 class Signal {
@@ -59,7 +59,7 @@ class Signal {
             {(limit * (0.3 + 0.7 * uniform(random))) * d, 0.03, 2 * M_PI * uniform(random)});
       }
   }
-  Rgb at(Vec3 d) const {
+  Rgb operator()(Vec3 d) const {
     Rgb rgb;
     for (std::size_t c = 0; c < 2; ++c) {
       rgb[c] = 0.5;
@@ -79,7 +79,9 @@ class Signal {
   double chirp_;  // the zone plates' phase is chirp * angle^2
 };
 
-inline EnvImage paint(const Layout& layout, int height, const Signal& signal) {
+/// A picture of value(d), which several threads call.
+template <class Value>
+EnvImage paint(const Layout& layout, int height, const Value& value) {
   EnvImage image;
   image.layout = &layout;
   image.placement = layout.info().placement;
@@ -89,8 +91,8 @@ inline EnvImage paint(const Layout& layout, int height, const Signal& signal) {
     Image face(size.width, size.height, 3);
     tbb::parallel_for(0, size.height, [&](int y) {
       for (int x = 0; x < size.width; ++x) {
-        const Rgb rgb = signal.at(layout.direction(f, u_from_texel(x, size.width, image.placement),
-                                                   u_from_texel(y, size.height, image.placement)));
+        const Rgb rgb = value(layout.direction(f, u_from_texel(x, size.width, image.placement),
+                                               u_from_texel(y, size.height, image.placement)));
         for (std::size_t c = 0; c < 3; ++c) face.at(x, y)[c] = static_cast<float>(rgb[c]);
       }
     });
@@ -131,7 +133,7 @@ inline Estimate estimate_of(const EnvImage& image) {
 /// PSNR in dB of each estimate of a picture with these faces: of its owned texels all of whose footprint has
 /// directions of its own, evenly strewn so that there are about `most` of them.
 inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& signal,
-                                std::span<const Estimate> estimates, double most = 2e5) {
+                                std::span<const Estimate> estimates, double most = 3e4) {
   const Placement placement = layout.info().placement;
   const Quadrature q = box_quadrature(8);
   const int step =
@@ -160,8 +162,7 @@ inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& 
       for (int x = (y / step) % step; x < size.width; x += step) {
         if (!counts(x, y)) continue;
         double weight;
-        const Rgb truth = footprint_mean(
-            layout, f, x, y, size, placement, q, [&](Vec3 d) { return signal.at(d); }, &weight);
+        const Rgb truth = footprint_mean(layout, f, x, y, size, placement, q, signal, &weight);
         for (std::size_t k = 0; k < estimates.size(); ++k) {
           const Rgb value = estimates[k](f, x, y);
           for (std::size_t c = 0; c < 3; ++c) row.error[k][c] += weight * (value[c] - truth[c]) * (value[c] - truth[c]);

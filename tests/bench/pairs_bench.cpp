@@ -54,8 +54,8 @@ class Best {
       tbb::parallel_for(std::size_t{0}, rows, [&](std::size_t y) {
         for (std::size_t x = 0; x < face.pitch; ++x) {
           const Rgb rgb =
-              signal.at(layout.direction(f, u_from_texel(static_cast<double>(x) - apron, face.size.width, placement),
-                                         u_from_texel(static_cast<double>(y) - apron, face.size.height, placement)));
+              signal(layout.direction(f, u_from_texel(static_cast<double>(x) - apron, face.size.width, placement),
+                                      u_from_texel(static_cast<double>(y) - apron, face.size.height, placement)));
           for (std::size_t c = 0; c < 3; ++c) face.planes[c][y * face.pitch + x] = static_cast<float>(rgb[c]);
         }
       });
@@ -140,7 +140,10 @@ void print_quality(const Options& options) {
       if (from == to) continue;
       const int height = height_of(*from, options.source_texels);
       const ResampleOptions r = resampling(options, *to);
-      const Signal signal(nyquist(*to, r.height), 0.98 * nyquist(*from, height), options.seed);
+      // What is enlarged holds no more than the source did.
+      const double held = nyquist(*from, height), wanted = nyquist(*to, r.height);
+      const bool grows = options.target_texels > options.source_texels;
+      const Signal signal(grows ? std::min(held, wanted) : wanted, 0.98 * held, options.seed);
       const EnvImage out = converted(paint(*from, height, signal), r);
       const auto best = std::make_unique<Best>(*from, height, signal);
       const Estimate estimates[] = {estimate_of(out), [&](int f, int x, int y) {
@@ -156,9 +159,15 @@ void print_quality(const Options& options) {
     }
 }
 
+// What is resampled where only time counts.
+EnvImage gradient(const Options& options, const Layout& layout) {
+  return paint(layout, height_of(layout, options.source_texels), [](Vec3 d) {
+    return Rgb{0.5 + 0.4 * d.x, 0.5 + 0.4 * d.y, 0.5 + 0.4 * d.z};
+  });
+}
+
 // Processor time per output texel, in nanoseconds: the least of the runs.
-double nanoseconds(const Options& options, const Layout& from, const Layout& to) {
-  const EnvImage source = paint(from, height_of(from, options.source_texels), Signal(20, 20));
+double nanoseconds(const Options& options, const EnvImage& source, const Layout& to) {
   const ResampleOptions r = resampling(options, to);
   EnvImage out;
   double least = 1e30;
@@ -170,7 +179,7 @@ double nanoseconds(const Options& options, const Layout& from, const Layout& to)
 }
 
 void print_rates(const Options& options) {
-  const double unit = nanoseconds(options, *find_layout("latlong"), *find_layout("cube"));
+  const double unit = nanoseconds(options, gradient(options, *find_layout("latlong")), *find_layout("cube"));
   std::printf("lat-long to cube: %.1f ns of processor time a texel\n\n| from \\ to |", unit);
   for (const Layout* to : options.to) std::printf(" %s |", std::string(to->name()).c_str());
   std::printf("\n|---|");
@@ -178,11 +187,12 @@ void print_rates(const Options& options) {
   std::printf("\n");
   for (const Layout* from : options.from) {
     std::printf("| %s |", std::string(from->name()).c_str());
+    const EnvImage source = gradient(options, *from);
     for (const Layout* to : options.to) {
       if (from == to)
         std::printf(" |");
       else
-        std::printf(" %.2f |", nanoseconds(options, *from, *to) / unit);
+        std::printf(" %.2f |", nanoseconds(options, source, *to) / unit);
       std::fflush(stdout);
     }
     std::printf("\n");
@@ -193,7 +203,7 @@ void print_threads(const Options& options) {
   for (const Layout* from : options.from)
     for (const Layout* to : options.to) {
       if (from == to) continue;
-      const EnvImage source = paint(*from, height_of(*from, options.source_texels), Signal(20, 20));
+      const EnvImage source = gradient(options, *from);
       double least[2] = {1e30, 1e30};
       EnvImage out;
       for (int run = 0; run <= options.runs; ++run)

@@ -168,7 +168,9 @@ void run(int height, int size, const Options& o) {
       all.push_back(more);
   for (const Ours& how : all)
     rivals.push_back({std::string("envconv ") + how.filter +
-                          (how.samples > 0 ? ", " + std::to_string(how.samples) + " samples a side" : ""),
+                          (how.samples > 0 ? ", " + std::to_string(how.samples) +
+                                                 (how.samples > 1 ? " samples a side" : " sample a side")
+                                           : ""),
                       [&ours, how] { ours(how); }, of_ours});
   if (!o.only.empty()) std::erase_if(rivals, [&](const Rival& r) { return r.name.find(o.only) == std::string::npos; });
   for (int i = 0; i <= o.runs; ++i)
@@ -182,7 +184,7 @@ void run(int height, int size, const Options& o) {
     Rgb q{};
     if (o.quality && rival.estimate) {
       rival.run();
-      q = quality(cube, size, signal, std::span(&rival.estimate, 1)).front();
+      q = quality(cube, size, signal, std::span(&rival.estimate, 1), 1e4).front();
     }
     if (o.table) {
       std::printf("%d %d|%s|%.5f|%.5f|%.1f|%.1f|%.1f\n", height, size, rival.name.c_str(), wall, cpu, q[0], q[1], q[2]);
