@@ -50,6 +50,7 @@ class ZstandardFrame {
       : file_(file), context_(ZSTD_createCCtx()), out_(ZSTD_CStreamOutSize()) {
     if (!context_) throw std::bad_alloc();
     ZSTD_CCtx_setParameter(context_.get(), ZSTD_c_compressionLevel, level);
+    ZSTD_CCtx_setParameter(context_.get(), ZSTD_c_checksumFlag, 1);  // else few damages are noticed
     // With one worker or many the bytes are the same, without any they are others.
     ZSTD_CCtx_setParameter(context_.get(), ZSTD_c_nbWorkers, thread_count(threads));
     ZSTD_CCtx_setPledgedSrcSize(context_.get(), size);
