@@ -201,14 +201,18 @@ void Source::find_orphans_in(int face, int x, int y, int width, int height, Orph
     return in_face(s, i, j) && layout_->owns(face, u_from_texel(i - apron_, s.size.width, placement_),
                                              u_from_texel(j - apron_, s.size.height, placement_));
   };
-  // Around the rectangle, a texel away from it: seams are so smooth that none slips through between five points.
-  int owned_around = 0;
-  constexpr int around = 25;
-  if (!whole)
+  bool orphaned =
+      x + width <= apron_ || y + height <= apron_ || x >= apron_ + s.size.width || y >= apron_ + s.size.height;
+  constexpr int fine = 32;  // rectangles in a face's side, of which seams are so smooth that none slips between points
+  if (!whole && !orphaned && std::max(width, height) * fine <= std::max(s.size.width, s.size.height)) {
+    // Around the rectangle, a texel away from it.
+    constexpr int around = 25;
+    int owned_around = 0;
     for (int k = 0; k < around; ++k)
       owned_around += owned(x - 1 + k % 5 * (width + 1) / 4, y - 1 + k / 5 * (height + 1) / 4) ? 1 : 0;
-  if (owned_around == around) return;
-  const bool orphaned = owned_around == 0;
+    if (owned_around == around) return;
+    orphaned = owned_around == 0;
+  }
   if (whole && find_exact_patch(face, x, y, width, height, orphans)) return;
   if (orphaned && find_smooth_patch(face, x, y, width, height, orphans)) return;
   if (width <= small && height <= small) {

@@ -82,7 +82,14 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
   double least = plan.density[0][0], most = least;
   for (const auto& row : plan.density)
     for (const double density : row) least = std::min(least, density), most = std::max(most, density);
-  plan.smooth = out.layout->info().domain != Domain::disc && least > 0.2 * most;
+  if (out.layout->info().domain == Domain::disc) {
+    constexpr double around = 4;  // texels: see grid_quadrature()
+    for (const double x : {tile.x0 - around, tile.x0 + tile.width - 1 + around})
+      for (const double y : {tile.y0 - around, tile.y0 + tile.height - 1 + around})
+        plan.inside = plan.inside && std::hypot(u_from_texel(x, face.width(), out.placement) - 0.5,
+                                                u_from_texel(y, face.height(), out.placement) - 0.5) < 0.5;
+  }
+  plan.smooth = plan.inside && least > 0.2 * most;
   if (options.samples > 0) {
     plan.ku = plan.kv = options.samples;
   } else {

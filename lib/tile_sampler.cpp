@@ -367,8 +367,7 @@ void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
       return;
     }
   }
-  if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && out_.layout->info().domain != Domain::disc)
-    return point_pass(w, tile);
+  if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
   texel_pass(w, tile, tile_plan);
   if (!source_.highlights().any()) return;
   met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
