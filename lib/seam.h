@@ -54,13 +54,13 @@ Placement placement_for(const Layout& layout, const Seam& seam);
 /// The mean over the sphere is kept.  Other methods change nothing.
 void fix_seams(EnvImage& image, const Seam& seam);
 
-/// The faces of one level grown by `texels` on every side, filled with radiance from beyond the edges.  Where an edge is
-/// a curve inside the face, the rectangle's texels beyond it are gutter too, and those that it cuts become whole: the
-/// face's own radiance in the part that it owns, and in the rest what lies beyond.  All other texels are unchanged.
+/// The faces of one level grown by `texels` on every side, filled with radiance from beyond the edges.  Where an edge
+/// is a curve inside the face, the rectangle's texels beyond it are gutter too, and those that it cuts become whole:
+/// the face's own radiance in the part that it owns, and in the rest what lies beyond.  All other texels are unchanged.
 /// texels >= 0.
 std::vector<Image> with_gutters(const EnvImage& image, int texels);
-/// The inverse: the middle of each face, and of texels that a curve cuts the face's own part, to within what the values'
-/// rounding is of it.
+/// The inverse: the middle of each face, and of texels that a curve cuts the face's own part, to within what the
+/// values' rounding is of it.
 std::vector<Image> without_gutters(const Layout& layout, Placement placement, const std::vector<Image>& grown,
                                    int texels);
 
