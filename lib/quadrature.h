@@ -49,6 +49,7 @@ struct SourceWave {
 /// Samples that were read with Kernel::drooping have its loss made up for: drooping_height(k wave.along) *
 /// drooping_height(k wave.across) in all.
 GridQuadrature grid_quadrature(int steps, int texels, double source_texels, const SourceWave& wave);
+inline constexpr double grid_reach = 4;     ///< texels beyond a texel's edge that hold all its samples
 inline constexpr int most_grid_steps = 16;  ///< in a texel
 
 }  // namespace envconv

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tile_plan.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -9,6 +10,38 @@ namespace {
 
 constexpr double sliver_limit = 1.375;  // longest side over shortest that the sampling follows
 constexpr int sliver_samples = 24;      // samples a side where highlights lie on slivers
+
+// Whether the map's derivatives jump somewhere: between two of five points in a row they change much more than between
+// the others.  Creases are straight or nearly so, and jumps of the size of the derivatives themselves.
+bool jumps(const Vec3 (&d)[5]) {
+  double change[4];
+  for (int i = 0; i < 4; ++i) {
+    change[i] = length(d[i + 1] - d[i]);
+    if (!std::isfinite(change[i])) return true;
+  }
+  std::sort(change, change + 4);
+  return change[3] > 3 * change[1] + 0.05 * length(d[2]);
+}
+
+// Of the tile, and the texels around it that a grid's weights reach.
+bool is_creased(const EnvImage& out, const Tile& tile) {
+  constexpr int nodes = 5;
+  const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+  const double wide = tile.width + 2 * grid_reach, high = tile.height + 2 * grid_reach;
+  DirectionJet jets[nodes][nodes];
+  for (int j = 0; j < nodes; ++j)
+    for (int i = 0; i < nodes; ++i)
+      jets[j][i] = out.layout->direction_jet(
+          tile.face, u_from_texel(tile.x0 - 0.5 - grid_reach + wide * i / (nodes - 1), face.width(), out.placement),
+          u_from_texel(tile.y0 - 0.5 - grid_reach + high * j / (nodes - 1), face.height(), out.placement));
+  for (const auto derivative : {&DirectionJet::du, &DirectionJet::dv})
+    for (int k = 0; k < nodes; ++k) {
+      Vec3 row[nodes], column[nodes];
+      for (int i = 0; i < nodes; ++i) row[i] = jets[k][i].*derivative, column[i] = jets[i][k].*derivative;
+      if (jumps(row) || jumps(column)) return true;
+    }
+  return false;
+}
 
 }  // namespace
 
@@ -83,13 +116,13 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
   for (const auto& row : plan.density)
     for (const double density : row) least = std::min(least, density), most = std::max(most, density);
   if (out.layout->info().domain == Domain::disc) {
-    constexpr double around = 4;  // texels: see grid_quadrature()
-    for (const double x : {tile.x0 - around, tile.x0 + tile.width - 1 + around})
-      for (const double y : {tile.y0 - around, tile.y0 + tile.height - 1 + around})
+    for (const double x : {tile.x0 - grid_reach, tile.x0 + tile.width - 1 + grid_reach})
+      for (const double y : {tile.y0 - grid_reach, tile.y0 + tile.height - 1 + grid_reach})
         plan.inside = plan.inside && std::hypot(u_from_texel(x, face.width(), out.placement) - 0.5,
                                                 u_from_texel(y, face.height(), out.placement) - 0.5) < 0.5;
   }
   plan.smooth = plan.inside && least > 0.2 * most;
+  plan.creased = filter.limited && plan.smooth && is_creased(out, tile);
   if (options.samples > 0) {
     plan.ku = plan.kv = options.samples;
   } else {

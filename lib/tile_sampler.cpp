@@ -78,8 +78,7 @@ struct Quad {
 // What a tile sees, and the samples beyond it that a grid takes.
 SourceView view_with_neighbours(const TilePlan& plan, const Tile& tile) {
   SourceView view = plan.view;
-  constexpr double texels = 3.5;  // of the output, beyond each edge: see grid_quadrature()
-  const double grow = texels / std::min(tile.width, tile.height);
+  const double grow = grid_reach / std::min(tile.width, tile.height);
   const double wide = view.right - view.left, high = view.bottom - view.top;
   view.left -= grow * wide, view.right += grow * wide, view.top -= grow * high, view.bottom += grow * high;
   return view;
@@ -359,19 +358,34 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
 void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
   const TilePlan tile_plan = plan(tile);
   if (w.blocks) w.blocks->next_tile(view_with_neighbours(tile_plan, tile));
-  if (filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers) {
+  sample(w, tile, tile_plan, met);
+  if (met.any()) receive(w, tile, met);
+}
+
+void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met) {
+  constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
+  const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers;
+  if (grid && !tile_plan.creased) {
     const bool wide = tile_plan.least >= direct_ratio;
     if ((wide && on_grid(w, tile, tile_plan, Kernel::drooping, met)) ||
-        on_grid(w, tile, tile_plan, Kernel::band_limited, met)) {
-      if (met.any()) receive(w, tile, met);
+        on_grid(w, tile, tile_plan, Kernel::band_limited, met))
       return;
-    }
+  } else if (grid && tile.width > least_part && tile.height > least_part) {
+    // Only the parts that the crease crosses go without a grid.
+    const int left = tile.width / 2, top = tile.height / 2;
+    for (const int x : {0, left})
+      for (const int y : {0, top}) {
+        const Tile part{tile.face, tile.x0 + x, tile.y0 + y, x ? tile.width - left : left, y ? tile.height - top : top};
+        sample(w, part, plan(part), met);
+      }
+    return;
   }
   if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
-  texel_pass(w, tile, tile_plan);
+  TilePlan dense = tile_plan;
+  if (tile_plan.creased && options_.samples == 0) dense.ku *= 2, dense.kv *= 2;  // a quadrature sees a crease late
+  texel_pass(w, tile, dense);
   if (!source_.highlights().any()) return;
   met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
-  receive(w, tile, met);
 }
 
 bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met) {

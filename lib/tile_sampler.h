@@ -43,6 +43,7 @@ class TileSampler {
   void second_pass(Workspace& w, const Tile& tile, const Met& met);
 
  private:
+  void sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met);
   void find_windows(Kernel kernel, Workspace& w, int count) const;
   void point(Kernel kernel, Workspace& w, int count) const;
   void point_pass(Workspace& w, const Tile& tile);
