@@ -292,9 +292,14 @@ void Source::repeat_highlights() {
 void Source::add_highlights(int face, int x, int y, float fx, float fy, float* value) const {
   const SourceFace& s = faces_[static_cast<std::size_t>(face)];
   if (!highlights_.any() || !highlights_.reach(s, x, y)) return;
-  for_each_highlight_tap(highlights_, s, x, y, fx, fy, [&](const Highlights::Block& block, int texel, float weight) {
-    for (int c = 0; c < 4; ++c) value[c] += weight * block.excess[texel][c];
-  });
+  HighlightQuad<const Highlights::Block> quad;
+  const Place place{x, y, fx, fy};
+  quad.move(highlights_, s, static_cast<float>(face), place);
+  for (int k = 0; k < 4; ++k) {
+    if (!quad.block[k]) continue;
+    const float weight = quad.weight(k, place);
+    for (int c = 0; c < 4; ++c) value[c] += weight * quad.block[k]->excess[quad.texel[k]][c];
+  }
 }
 
 std::vector<StrandedEnergy> Source::conserve_highlights() {

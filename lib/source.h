@@ -116,22 +116,28 @@ struct StrandedEnergy {
   double energy[4];
 };
 
-/// take(block, texel in it, weight) for each of the four texels that a bilinear read at fractions (fx, fy) right of and
-/// below padded texel (x, y) takes, where their blocks exist.
-template <class AnyHighlights, class Take>
-void for_each_highlight_tap(AnyHighlights& highlights, const SourceFace& face, int x, int y, float fx, float fy,
-                            const Take& take) {
-  constexpr int side = Highlights::side;
-  for (int k = 0; k < 4; ++k) {
-    const int xx = x + (k & 1), yy = y + (k >> 1);
-    ENVCONV_ASSERT(xx >= 0 && xx < face.columns && yy >= 0 && yy < face.rows);
-    const std::int32_t index =
-        highlights.index[static_cast<std::size_t>(face.first_block + yy / side * face.blocks + xx / side)];
-    if (index < 0) continue;
-    take(highlights.blocks[static_cast<std::size_t>(index)], Highlights::place(xx, yy),
-         (k & 1 ? fx : 1 - fx) * (k >> 1 ? fy : 1 - fy));
+/// The texels that a bilinear read takes, right of and below padded texel (x, y), and their blocks; absent ones are
+/// nullptr.  Samples in a row mostly share them.
+template <class Block>
+struct HighlightQuad {
+  float face = -1;
+  int x = 0, y = 0;
+  Block* block[4] = {};
+  int texel[4] = {};
+
+  bool is_at(float f, const Place& p) const { return f == face && p.x == x && p.y == y; }
+  template <class AnyHighlights>
+  void move(AnyHighlights& highlights, const SourceFace& source_face, float f, const Place& p) {
+    face = f, x = p.x, y = p.y;
+    for (int k = 0; k < 4; ++k) {
+      const int xx = x + (k & 1), yy = y + (k >> 1);
+      const std::int32_t index = highlights.index[Highlights::block_number(source_face, xx, yy)];
+      block[k] = index < 0 ? nullptr : &highlights.blocks[static_cast<std::size_t>(index)];
+      texel[k] = Highlights::place(xx, yy);
+    }
   }
-}
+  static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
+};
 
 /// Up to four channels of an environment, ready for reading.
 class Source {

@@ -52,29 +52,6 @@ void for_each_near_highlight(const Source& source, const Workspace& w, int n, co
   }
 }
 
-// The texels that a bilinear read takes, and their blocks; absent ones are nullptr.  Samples in a row mostly share
-// them.
-template <class Block>
-struct Quad {
-  float face = -1;
-  int x = 0, y = 0;
-  Block* block[4] = {};
-  int texel[4] = {};
-
-  bool is_at(float f, const Place& p) const { return f == face && p.x == x && p.y == y; }
-  template <class AnyHighlights>
-  void move(AnyHighlights& highlights, const SourceFace& source_face, float f, const Place& p) {
-    face = f, x = p.x, y = p.y;
-    for (int k = 0; k < 4; ++k) {
-      const int xx = x + (k & 1), yy = y + (k >> 1);
-      const std::int32_t index = highlights.index[Highlights::block_number(source_face, xx, yy)];
-      block[k] = index < 0 ? nullptr : &highlights.blocks[static_cast<std::size_t>(index)];
-      texel[k] = Highlights::place(xx, yy);
-    }
-  }
-  static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
-};
-
 // What a tile sees, and the samples beyond it that a grid takes.
 SourceView view_with_neighbours(const TilePlan& plan, const Tile& tile) {
   SourceView view = plan.view;
@@ -421,7 +398,7 @@ void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   Highlights& highlights = source_.highlights();
   std::vector<double> omega;  // of the texels, once a highlight is met
-  Quad<Highlights::Block> quad;
+  HighlightQuad<Highlights::Block> quad;
   std::uint64_t received[4] = {};  // by its texels, so far
   const auto flush = [&] {
     for (int k = 0; k < 4; ++k) {
@@ -457,7 +434,8 @@ void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
           quad.move(highlights, f, w.face[s], p);
         }
         for (int k = 0; k < 4; ++k)
-          received[k] += static_cast<std::uint64_t>(share * static_cast<double>(Quad<Highlights::Block>::weight(k, p)));
+          received[k] +=
+              static_cast<std::uint64_t>(share * static_cast<double>(HighlightQuad<Highlights::Block>::weight(k, p)));
       });
     });
   }
@@ -472,7 +450,7 @@ void TileSampler::second_pass(Workspace& w, const Tile& whole, const Met& met) {
   const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const Highlights& highlights = source_.highlights();
-  Quad<const Highlights::Block> quad;
+  HighlightQuad<const Highlights::Block> quad;
   for (int j = 0; j < tile.height; ++j) {
     double sum[largest_tile][4] = {};
     sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, w, [&](int count) {
@@ -483,7 +461,7 @@ void TileSampler::second_pass(Workspace& w, const Tile& whole, const Met& met) {
         float value[4] = {};
         for (int k = 0; k < 4; ++k) {
           if (!quad.block[k]) continue;
-          const float weight = w.weight[s] * Quad<const Highlights::Block>::weight(k, p);
+          const float weight = w.weight[s] * HighlightQuad<const Highlights::Block>::weight(k, p);
           const float* excess = quad.block[k]->excess[quad.texel[k]];
           for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
         }
