@@ -48,8 +48,11 @@ class Memory(Case):
             ("in.png", "-o", "f.exr", "--size", 64), ("cube.exr", "-o", "g.exr", "--to", "octahedral"),
             ("in.exr", "-o", "h_{face}.tif", "--size", 600), ("in.exr", "-o", "i.exr", "--size", 600, "--verify"),
         ):
-            ratio = self.predicted(*words) / self.measured(*words)
-            self.assertTrue(0.8 < ratio < 1.25, (words, ratio))
+            self.check_prediction(self.predicted(*words), self.measured(*words), words)
+
+    def check_prediction(self, predicted, measured, words):
+        # The program's own pages count as far as the system has mapped them: a few megabytes either way.
+        self.assertLess(abs(predicted - measured), max(0.2 * measured, 8 * MB), (words, predicted, measured))
 
     def make_large(self, name, height):
         write_exr(self.path("small.exr"), 32, 16, lambda x, y: (x / 32, y / 16, 0.5))
@@ -90,7 +93,7 @@ class Memory(Case):
             self.assertTrue(self.path(name).read_bytes() == whole, words)
             self.path(name).unlink()
             self.assertLess(peak, allowed, words)
-            self.assertTrue(0.8 < plan["peak_memory"] / peak < 1.25, (words, plan["peak_memory"] / peak))
+            self.check_prediction(plan["peak_memory"], peak, words)
         self.assertEqual(self.files(), ["in.exr", "small.exr"])
 
     @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
