@@ -8,7 +8,7 @@ namespace envconv {
 namespace {
 
 // Largest steps of a grid, in source texels.
-constexpr double grid_spacing = 1.1, direct_spacing = 1.25;
+constexpr double grid_spacing = 1.1, direct_spacing = 1.4;
 
 }  // namespace
 
@@ -23,16 +23,14 @@ std::optional<GridQuadrature> GridTables::grid(double need, const SourceWave& wa
   const double spacing = kernel == Kernel::drooping ? direct_spacing : grid_spacing;
   int steps = samples_, texels = 1;
   if (steps == 0) {
-    steps = 1;
-    while (need > spacing * steps / texels && steps <= most_grid_steps) {
-      // 1, 3/2, 2, 3, 4 ...
-      if (steps == 1 && n % 2 == 0)
-        steps = 3, texels = 2;
-      else
-        steps = steps / texels + 1, texels = 1;
-    }
+    // Of 1, 5/4, 3/2, 7/4, 2, 5/2, 3 ... as few as will do.
+    const double wanted = need / spacing;
+    const int fraction = wanted <= 1 ? 1 : wanted <= 1.75 && n % 4 == 0 ? 4 : n % 2 == 0 ? 2 : 1;
+    steps = std::max(1, static_cast<int>(std::ceil(std::min(wanted, 1e6) * fraction)));
+    texels = fraction;
+    while (texels > 1 && steps % 2 == 0) steps /= 2, texels /= 2;
   }
-  if (steps > most_grid_steps) return std::nullopt;
+  if (steps > most_grid_steps * texels) return std::nullopt;
   // In steps' source texels, rounded, so that few tables serve all tiles.
   const double density = static_cast<double>(steps) / texels;
   const int length = std::max(1, static_cast<int>(std::ceil(8 * need / density - 0.25)));

@@ -34,6 +34,7 @@ struct LayoutInfo {
   std::span<const Face> faces;
   Domain domain = Domain::square;
   bool equal_area = false;  ///< every texel of every face spans the same solid angle (a law checks the claim)
+  bool zonal = false;       ///< all texels of a row span the same solid angle (a law checks the claim)
   bool conformal = false;   ///< locally free of anisotropy (a law checks the claim)
   Placement placement = Placement::centre;
   /// The frame that the name implies, applied after the user's: "world" for all but mirror-ball, whose picture is, as a

@@ -127,8 +127,10 @@ GridQuadrature grid_quadrature(int steps, int texels, double source_texels, cons
   const double density = static_cast<double>(steps) / texels;
   GridQuadrature q;
   q.steps = steps, q.texels = texels;
-  // Long steps have little room between the band and their limit, and need more of the neighbours.
-  q.taps = static_cast<int>(std::ceil(density + (density < 2 ? 6 : 4)));
+  // Long steps have little room between the band and their limit, and need more of the neighbours; more still where
+  // they do not lie alike in every texel.  Around a sample that is a texel's middle as many lie before as after.
+  const int around = density >= 2 ? 4 : texels > 1 ? 7 : 6;
+  q.taps = static_cast<int>(std::ceil(density + around));
   std::vector<std::vector<double>> weights;
   for (int phase = 0; phase < texels; ++phase) {
     const double centre = (phase + 0.5) * density - 0.5;  // in samples

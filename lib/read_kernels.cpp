@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "assertion.h"
+#include "prefetch.h"
 
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV | HWY_SSSE3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
@@ -207,7 +207,7 @@ struct LaneTaps {
 
 #if HWY_TARGET == HWY_SCALAR
 template <Kernel kernel, int channels>
-void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
+void sum_of(int n, const Windows& s, std::ptrdiff_t, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
   for (int i = 0; i < n; ++i, out += 4) {
     for (int c = 0; c < 4; ++c) out[c] = 0;
     for (int k = 0; k < taps(kernel); ++k) {
@@ -244,7 +244,7 @@ HWY_INLINE V add_texels(V v) {
 }
 
 template <Kernel kernel, int channels>
-void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
+void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
   constexpr int count = taps(kernel);
   const SumLanes<count * channels> d;
   using V = hn::Vec<decltype(d)>;
@@ -253,6 +253,11 @@ void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HW
   const hn::CappedTag<float, 4> d4;
   for (int i = 0; i < n; ++i, out += 4) {
     const std::ptrdiff_t pitch = s.pitch[i];
+    if constexpr (kernel == Kernel::drooping) {
+      // From memory, not from a block in the cache: two rows' lines, which all samples' together are all lines.
+      prefetch(s.first[i], ahead);
+      prefetch(s.first[i], ahead + pitch);
+    }
     V total = hn::Zero(d);
     for (int c = 0; c < chunks; ++c) {
       const float* HWY_RESTRICT from = s.first[i] + c * per_chunk * channels;
@@ -297,19 +302,20 @@ void sum_of(int n, const Windows& s, const float* HWY_RESTRICT weight, float* HW
 #endif
 
 template <int channels>
-void sum_of(Kernel kernel, int n, const Windows& windows, const float* weight, float* out) {
+void sum_of(Kernel kernel, int n, const Windows& windows, std::ptrdiff_t ahead, const float* weight, float* out) {
   switch (kernel) {
-    case Kernel::nearest: return sum_of<Kernel::nearest, channels>(n, windows, weight, out);
-    case Kernel::bilinear: return sum_of<Kernel::bilinear, channels>(n, windows, weight, out);
-    case Kernel::catmull_rom: return sum_of<Kernel::catmull_rom, channels>(n, windows, weight, out);
-    case Kernel::band_limited:
-    case Kernel::drooping: return sum_of<Kernel::drooping, channels>(n, windows, weight, out);  // as many taps
-    case Kernel::lanczos3: return sum_of<Kernel::lanczos3, channels>(n, windows, weight, out);
+    case Kernel::nearest: return sum_of<Kernel::nearest, channels>(n, windows, ahead, weight, out);
+    case Kernel::bilinear: return sum_of<Kernel::bilinear, channels>(n, windows, ahead, weight, out);
+    case Kernel::catmull_rom: return sum_of<Kernel::catmull_rom, channels>(n, windows, ahead, weight, out);
+    case Kernel::band_limited: return sum_of<Kernel::band_limited, channels>(n, windows, ahead, weight, out);
+    case Kernel::drooping: return sum_of<Kernel::drooping, channels>(n, windows, ahead, weight, out);
+    case Kernel::lanczos3: return sum_of<Kernel::lanczos3, channels>(n, windows, ahead, weight, out);
   }
 }
 
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out) {
-  channels == 3 ? sum_of<3>(kernel, n, windows, weight, out) : sum_of<4>(kernel, n, windows, weight, out);
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out,
+                 std::ptrdiff_t ahead) {
+  channels == 3 ? sum_of<3>(kernel, n, windows, ahead, weight, out) : sum_of<4>(kernel, n, windows, ahead, weight, out);
 }
 
 template <int channels>
@@ -351,30 +357,49 @@ void combine_rows(int n, int count, const float* HWY_RESTRICT weight, const floa
 // Four floats at a time: the scalar target has one.
 using Four = hn::CappedTag<float, 4>;
 
+#if HWY_TARGET != HWY_SCALAR
+// A vector's texels of four floats added up.
+template <class V>
+HWY_INLINE hn::Vec<Four> sum_of_fours(V v) {
+  if constexpr (hn::MaxLanes(hn::DFromV<V>()) <= 4)
+    return v;
+  else
+    return sum_of_fours(hn::Add(hn::LowerHalf(v), hn::UpperHalf(hn::Half<hn::DFromV<V>>(), v)));
+}
+#endif
+
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* HWY_RESTRICT weight,
                      const float* HWY_RESTRICT in, float* HWY_RESTRICT out) {
+  const hn::CappedTag<float, 16> wide;
+  const int lanes = static_cast<int>(hn::Lanes(wide));
   int i = 0;
   if (phases == 1 && step == 1) {
     // Whole vectors of texels: as many as lie side by side.
-    const hn::CappedTag<float, 16> wide;
-    const int texels = static_cast<int>(hn::Lanes(wide)) / 4;
+    const int texels = lanes / 4;
     const float* HWY_RESTRICT from = in + 4 * first[0];
     for (; texels > 0 && i + texels <= n; i += texels, from += 4 * texels, out += 4 * texels) {
       auto sum = hn::Mul(hn::Set(wide, weight[0]), hn::LoadU(wide, from));
-      for (int k = 1; k < taps; ++k) sum = hn::MulAdd(hn::Set(wide, weight[k]), hn::LoadU(wide, from + 4 * k), sum);
+      for (int k = 1; k < taps; ++k) sum = hn::MulAdd(hn::Set(wide, weight[4 * k]), hn::LoadU(wide, from + 4 * k), sum);
       hn::StoreU(sum, wide, out);
     }
   }
-  const Four d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int floats = 4 * taps;
   for (int phase = i % phases, base = i / phases * step; i < n; ++i, out += 4) {
     const float* HWY_RESTRICT from = in + 4 * (base + first[phase]);
-    const float* HWY_RESTRICT w = weight + phase * taps;
-    for (int l = 0; l < 4; l += lanes) {
-      auto sum = hn::Mul(hn::Set(d, w[0]), hn::LoadU(d, from + l));
-      for (int k = 1; k < taps; ++k) sum = hn::MulAdd(hn::Set(d, w[k]), hn::LoadU(d, from + 4 * k + l), sum);
-      hn::StoreU(sum, d, out + l);
+    const float* HWY_RESTRICT w = weight + phase * floats;
+#if HWY_TARGET == HWY_SCALAR
+    for (int l = 0; l < 4; ++l) {
+      out[l] = 0;
+      for (int k = 0; k < floats; k += 4) out[l] += w[k] * from[k + l];
     }
+#else
+    auto sum = hn::Zero(wide);
+    int k = 0;
+    for (; k + lanes <= floats; k += lanes) sum = hn::MulAdd(hn::LoadU(wide, w + k), hn::LoadU(wide, from + k), sum);
+    auto texel = sum_of_fours(sum);
+    for (const Four d; k < floats; k += 4) texel = hn::MulAdd(hn::LoadU(d, w + k), hn::LoadU(d, from + k), texel);
+    hn::StoreU(texel, Four(), out);
+#endif
     if (++phase == phases) phase = 0, base += step;
   }
 }
@@ -403,258 +428,6 @@ void store_texels(int n, const float* in, const Totals& totals, const float lowe
                   float* to) {
   totals.of ? store_of<true>(n, in, totals, lowest, channels, stored, to)
             : store_of<false>(n, in, totals, lowest, channels, stored, to);
-}
-
-// Both poles' recursions in one sweep, each y[n] = x[n] + p y[n-1].  Forth and back their gain at zero frequency is
-// 1 / ((1 - p1) (1 - p2))^2, which the last sweep makes up for.
-constexpr float pole1 = static_cast<float>(band_limited::poles[0]), pole2 = static_cast<float>(band_limited::poles[1]);
-constexpr float last_gain = (1 - pole1) * (1 - pole1) * (1 - pole2) * (1 - pole2);
-
-using Sums = hn::CappedTag<float, 16>;
-constexpr int sum_lanes = static_cast<int>(hn::MaxLanes(Sums()));
-
-#if HWY_TARGET != HWY_SCALAR
-// A texel of each of as many rows as a vector holds, four floats each.
-template <class D>
-HWY_INLINE hn::Vec<D> load_column(D d, const float* const* rows, std::ptrdiff_t at) {
-  if constexpr (hn::MaxLanes(D()) == 4) {
-    return hn::LoadU(d, rows[0] + at);
-  } else {
-    const hn::Half<D> half;
-    constexpr std::size_t count = hn::MaxLanes(D()) / 8;
-    return hn::Combine(d, load_column(half, rows + count, at), load_column(half, rows, at));
-  }
-}
-template <class D>
-HWY_INLINE void store_column(D d, hn::Vec<D> v, float* const* rows, std::ptrdiff_t at) {
-  if constexpr (hn::MaxLanes(D()) == 4) {
-    hn::StoreU(v, d, rows[0] + at);
-  } else {
-    const hn::Half<D> half;
-    constexpr std::size_t count = hn::MaxLanes(D()) / 8;
-    store_column(half, hn::LowerHalf(half, v), rows, at);
-    store_column(half, hn::UpperHalf(half, v), rows + count, at);
-  }
-}
-#endif
-
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8],
-                    float* HWY_RESTRICT work) {
-#if HWY_TARGET == HWY_SCALAR
-  for (int k = 0; k < 8; ++k)
-    for (int c = 0; c < channels; ++c) {
-      float y1 = in[k][(width - 1) * channels + c] / (1 - pole1), y2 = y1 / (1 - pole2);
-      for (int x = width - 1; x >= 0; --x) {
-        y1 = in[k][x * channels + c] + pole1 * y1;
-        work[x] = y2 = y1 + pole2 * y2;
-      }
-      y1 = y2 / (1 - pole1), y2 = y1 / (1 - pole2);
-      for (int x = 0; x < width - skip; ++x) {
-        y1 = work[x] + pole1 * y1;
-        y2 = y1 + pole2 * y2;
-        if (x >= skip) out[k][(x - skip) * channels + c] = last_gain * y2;
-      }
-    }
-#else
-  const Sums d;
-  constexpr int rows = sum_lanes / 4;
-  const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
-  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
-  // Two vectors abreast: each waits for its own last step.
-  for (int k = 0; k < 8; k += 2 * rows) {
-    const float* from[2 * rows];
-    float* to[2 * rows];
-    std::copy_n(in + k, 2 * rows, from);
-    std::copy_n(out + k, 2 * rows, to);
-    const std::ptrdiff_t end = static_cast<std::ptrdiff_t>(width - 1) * channels;
-    auto a1 = hn::Mul(start1, load_column(d, from, end)), b1 = hn::Mul(start1, load_column(d, from + rows, end));
-    auto a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
-    for (int x = width - 1; x >= 0; --x) {
-      a1 = hn::MulAdd(p1, a1, load_column(d, from, x * channels));
-      b1 = hn::MulAdd(p1, b1, load_column(d, from + rows, x * channels));
-      a2 = hn::MulAdd(p2, a2, a1);
-      b2 = hn::MulAdd(p2, b2, b1);
-      hn::StoreU(a2, d, work + 2 * sum_lanes * x);
-      hn::StoreU(b2, d, work + 2 * sum_lanes * x + sum_lanes);
-    }
-    a1 = hn::Mul(start1, a2), b1 = hn::Mul(start1, b2);
-    a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
-    for (int x = 0; x < width - skip; ++x) {
-      a1 = hn::MulAdd(p1, a1, hn::LoadU(d, work + 2 * sum_lanes * x));
-      b1 = hn::MulAdd(p1, b1, hn::LoadU(d, work + 2 * sum_lanes * x + sum_lanes));
-      a2 = hn::MulAdd(p2, a2, a1);
-      b2 = hn::MulAdd(p2, b2, b1);
-      if (x < skip) continue;
-      // In rising order: a texel of three channels overwrites the fourth float of the one before.
-      const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(x - skip) * channels;
-      store_column(d, hn::Mul(gain, a2), to, at);
-      store_column(d, hn::Mul(gain, b2), to + rows, at);
-    }
-  }
-#endif
-}
-
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
-  const Sums d;
-  const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
-  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
-  using V = hn::Vec<Sums>;
-  constexpr int abreast = 4;  // vectors
-  const auto sweeps = [&](float* from, int vectors) HWY_ATTR {
-    V y1[abreast], y2[abreast];
-    const auto start = [&](const float* t) HWY_ATTR {
-      for (int k = 0; k < vectors; ++k) {
-        y1[k] = hn::Mul(start1, hn::LoadU(d, t + k * sum_lanes));
-        y2[k] = hn::Mul(start2, y1[k]);
-      }
-    };
-    start(from);
-    for (int y = 0; y < rows; ++y) {
-      float* t = from + y * pitch;
-      for (int k = 0; k < vectors; ++k) {
-        y1[k] = hn::MulAdd(p1, y1[k], hn::LoadU(d, t + k * sum_lanes));
-        y2[k] = hn::MulAdd(p2, y2[k], y1[k]);
-        hn::StoreU(y2[k], d, t + k * sum_lanes);
-      }
-    }
-    start(from + (rows - 1) * pitch);
-    for (int y = rows - 1; y >= 0; --y) {
-      float* t = from + y * pitch;
-      for (int k = 0; k < vectors; ++k) {
-        y1[k] = hn::MulAdd(p1, y1[k], hn::LoadU(d, t + k * sum_lanes));
-        y2[k] = hn::MulAdd(p2, y2[k], y1[k]);
-        hn::StoreU(hn::Mul(gain, y2[k]), d, t + k * sum_lanes);
-      }
-    }
-  };
-  for (int x = 0; x < n; x += abreast * sum_lanes) {
-    const int vectors = std::min(abreast, (n - x + sum_lanes - 1) / sum_lanes);
-    if (vectors == abreast)
-      sweeps(texels + x, abreast);
-    else
-      sweeps(texels + x, vectors);
-  }
-}
-
-// Vector k of texels' channels: lane l is of the texel (lanes k + l) / channels.
-template <int channels, int lanes>
-struct LaneTexels {
-  alignas(64) std::int32_t index[channels][lanes];
-  constexpr LaneTexels() : index() {
-    for (int k = 0; k < channels; ++k)
-      for (int l = 0; l < lanes; ++l) index[k][l] = (lanes * k + l) / channels;
-  }
-};
-
-// Rows in floats, which go on in double.
-template <int channels>
-void add_weighted_of(int width, int height, const float* HWY_RESTRICT values, std::ptrdiff_t pitch,
-                     const double* HWY_RESTRICT weights, double* sums) {
-#if HWY_TARGET == HWY_SCALAR
-  constexpr int whole = 0;
-#else
-  const hn::CappedTag<float, 16> d;
-  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
-  using V = hn::Vec<decltype(d)>;
-  static constexpr LaneTexels<channels, lanes> texels;
-  const int whole = width / lanes * lanes;
-  double sum_lanes[channels][lanes] = {}, magnitude_lanes[channels][lanes] = {}, weight_lanes[lanes] = {};
-  for (int y = 0; y < height && whole > 0; ++y) {
-    V sum[channels], magnitude[channels], total = hn::Zero(d);
-    for (int k = 0; k < channels; ++k) sum[k] = magnitude[k] = hn::Zero(d);
-    const float* HWY_RESTRICT v = values + y * pitch;
-    const double* HWY_RESTRICT w = weights + static_cast<std::ptrdiff_t>(y) * width;
-    for (int x = 0; x < whole; x += lanes, v += lanes * channels) {
-      HWY_ALIGN float narrow[lanes];
-      for (int l = 0; l < lanes; ++l) narrow[l] = static_cast<float>(w[x + l]);
-      const V weight = hn::Load(d, narrow);
-      total = hn::Add(total, weight);
-      const bool all = hn::AllFalse(d, hn::Eq(weight, hn::Zero(d)));
-      for (int k = 0; k < channels; ++k) {
-        const V spread = hn::TableLookupLanes(weight, hn::SetTableIndices(d, texels.index[k]));
-        V value = hn::LoadU(d, v + k * lanes);
-        if (!all) value = hn::IfThenZeroElse(hn::Eq(spread, hn::Zero(d)), value);
-        sum[k] = hn::MulAdd(spread, value, sum[k]);
-        magnitude[k] = hn::MulAdd(spread, hn::Abs(value), magnitude[k]);
-      }
-    }
-    const auto add = [&](V lanes_of, double* to) HWY_ATTR {
-      HWY_ALIGN float lane[lanes];
-      hn::Store(lanes_of, d, lane);
-      for (int l = 0; l < lanes; ++l) to[l] += static_cast<double>(lane[l]);
-    };
-    for (int k = 0; k < channels; ++k) add(sum[k], sum_lanes[k]), add(magnitude[k], magnitude_lanes[k]);
-    add(total, weight_lanes);
-  }
-  for (int k = 0; k < channels; ++k)
-    for (int l = 0; l < lanes; ++l) {
-      sums[(lanes * k + l) % channels] += sum_lanes[k][l];
-      sums[channels + (lanes * k + l) % channels] += magnitude_lanes[k][l];
-    }
-  for (int l = 0; l < lanes; ++l) sums[2 * channels] += weight_lanes[l];
-#endif
-  for (int y = 0; y < height; ++y)
-    for (int x = whole; x < width; ++x) {
-      const double w = weights[static_cast<std::ptrdiff_t>(y) * width + x];
-      if (w == 0) continue;
-      for (int c = 0; c < channels; ++c) {
-        const double v = static_cast<double>(values[y * pitch + x * channels + c]);
-        sums[c] += w * v;
-        sums[channels + c] += w * std::abs(v);
-      }
-      sums[2 * channels] += w;
-    }
-}
-
-void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
-                  double* sums) {
-  switch (channels) {
-    case 1: return add_weighted_of<1>(width, height, values, pitch, weights, sums);
-    case 2: return add_weighted_of<2>(width, height, values, pitch, weights, sums);
-    case 3: return add_weighted_of<3>(width, height, values, pitch, weights, sums);
-    case 4: return add_weighted_of<4>(width, height, values, pitch, weights, sums);
-    default: ENVCONV_ASSERT(false);
-  }
-}
-
-template <int channels>
-void range_of(int width, int height, const float* HWY_RESTRICT values, std::ptrdiff_t pitch, float low[4],
-              float high[4]) {
-  const hn::CappedTag<float, 16> d;
-  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
-  hn::Vec<decltype(d)> least[channels], most[channels];
-  constexpr float largest = std::numeric_limits<float>::max();
-  std::fill_n(low, channels, largest), std::fill_n(high, channels, -largest);
-  for (int k = 0; k < channels; ++k) least[k] = hn::Set(d, largest), most[k] = hn::Set(d, -largest);
-  const int whole = width / lanes * lanes;
-  for (int y = 0; y < height; ++y) {
-    const float* HWY_RESTRICT row = values + y * pitch;
-    // Of as many texels as lanes, whose values' channels follow each other lane by lane.
-    for (int x = 0; x < whole; x += lanes)
-      for (int k = 0; k < channels; ++k) {
-        const auto v = hn::LoadU(d, row + static_cast<std::ptrdiff_t>(x) * channels + k * lanes);
-        least[k] = hn::Min(v, least[k]), most[k] = hn::Max(v, most[k]);
-      }
-    for (int x = whole; x < width; ++x)
-      for (int c = 0; c < channels; ++c) {
-        const float v = row[static_cast<std::ptrdiff_t>(x) * channels + c];
-        low[c] = std::min(low[c], v), high[c] = std::max(high[c], v);
-      }
-  }
-  HWY_ALIGN float a[lanes], b[lanes];
-  for (int k = 0; k < channels; ++k) {
-    hn::Store(least[k], d, a), hn::Store(most[k], d, b);
-    for (int l = 0; l < lanes; ++l) {
-      const int c = (k * lanes + l) % channels;
-      low[c] = std::min(low[c], a[l]), high[c] = std::max(high[c], b[l]);
-    }
-  }
-}
-
-void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
-                 float high[4]) {
-  channels == 3 ? range_of<3>(width, height, values, pitch, low, high)
-                : range_of<4>(width, height, values, pitch, low, high);
 }
 
 void rotate_directions(const float m[9], std::size_t n, float* HWY_RESTRICT x, float* HWY_RESTRICT y,
@@ -686,11 +459,7 @@ HWY_EXPORT(combine_samples);
 HWY_EXPORT(combine_rows);
 HWY_EXPORT(point_windows);
 HWY_EXPORT(store_texels);
-HWY_EXPORT(prefilter_rows);
-HWY_EXPORT(prefilter_columns);
-HWY_EXPORT(add_weighted);
 HWY_EXPORT(rotate_directions);
-HWY_EXPORT(value_range);
 
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows) {
@@ -701,8 +470,9 @@ int point_windows(const WindowField& field, int channels, const float* face, int
   return HWY_DYNAMIC_DISPATCH(point_windows)(field, channels, face, begin, n, windows);
 }
 
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out) {
-  HWY_DYNAMIC_DISPATCH(sum_windows)(kernel, channels, n, windows, weight, out);
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out,
+                 std::ptrdiff_t ahead) {
+  HWY_DYNAMIC_DISPATCH(sum_windows)(kernel, channels, n, windows, weight, out, ahead);
 }
 
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out) {
@@ -722,24 +492,6 @@ void combine_samples(int n, int phases, int step, int taps, const int* first, co
 void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
                   float* to) {
   HWY_DYNAMIC_DISPATCH(store_texels)(n, in, totals, lowest, channels, stored, to);
-}
-
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work) {
-  HWY_DYNAMIC_DISPATCH(prefilter_rows)(channels, width, skip, in, out, work);
-}
-
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
-  HWY_DYNAMIC_DISPATCH(prefilter_columns)(n, rows, pitch, texels);
-}
-
-void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
-                  double* sums) {
-  HWY_DYNAMIC_DISPATCH(add_weighted)(channels, width, height, values, pitch, weights, sums);
-}
-
-void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
-                 float high[4]) {
-  HWY_DYNAMIC_DISPATCH(value_range)(channels, width, height, values, pitch, low, high);
 }
 
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z) {

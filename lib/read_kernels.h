@@ -63,8 +63,11 @@ void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face,
 int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows);
 
 /// out[i][4] = weighted sum over window i of `channels` (3 or 4) floats a texel; the fourth of three channels is
-/// weight[i], the one that was given to make_windows().  Loads reach up to 16 floats past a window's row.
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out);
+/// weight[i], the one that was given to make_windows().  Loads reach up to 16 floats past a window's row.  ahead:
+/// floats from each window's first to what Kernel::drooping will read some rows of samples later, to be fetched
+/// meanwhile.
+void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out,
+                 std::ptrdiff_t ahead = 0);
 
 /// out[channels] (3 or 4) = weighted sum over a window of 8 x 8 texels, `pitch` floats from row to row; loads reach up
 /// to 8 floats past a row.
@@ -74,8 +77,8 @@ void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const f
 /// out[i] = sum over k < count of weight[k] * rows[k][i], for i < n; n rounded up to 16 are touched.
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);
 
-/// Texels of four floats from samples of four floats: out[i][4] = sum over k < taps of weight[i % phases][k] *
-/// in[i / phases * step + first[i % phases] + k][4], for i < n.
+/// Texels of four floats from samples of four floats: out[i][c] = sum over k < taps of weight[i % phases][k][c] *
+/// in[i / phases * step + first[i % phases] + k][c], for i < n and c < 4; weight's four are all the same.
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,
                      float* out);
 
@@ -89,24 +92,6 @@ struct Totals {
 /// texel, are not touched.
 void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
                   float* to);
-
-/// Rows of texels through the prefilter's recursion: 8 rows (in[k] of `width` texels) to out[k], of which only texels
-/// [skip, width - skip) are written, from out[k] on, and up to 4 floats more.  work: room for width * 32 floats.
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work);
-
-/// Columns likewise, in place: `rows` rows of n floats, `pitch` floats apart; n rounded up to 16 are touched.
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
-
-/// Over a rectangle of texels: sums[c] += w v, sums[channels + c] += w |v|, sums[2 channels] += w, with values
-/// v[height][width][channels], `pitch` floats from row to row, and weights w[height][width] >= 0; what has no weight
-/// may be no number.  channels: 1 to 4.
-void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,
-                  double* sums);
-
-/// Lowest and highest values by channel (3 or 4) of width x height texels, `pitch` floats from row to row; what is no
-/// number is left out.
-void value_range(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, float low[4],
-                 float high[4]);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);

@@ -8,7 +8,7 @@
 //
 // The integral over a footprint is over solid angle.  It is taken in one of three ways.
 // - Grid, for "auto" where the density is smooth.  Samples lie in equal steps over the tile and a few beyond it, as
-//   densely as the source's texels (grid_spacing), not the output's: 1, 3/2, 2, 3 ... in a texel.  Every texel takes
+//   densely as the source's texels (grid_spacing), not the output's: 1, 5/4, 3/2 ... in a texel.  Every texel takes
 //   its own and some of its neighbours' with the weights of grid_quadrature(), whose sum is the integral of every wave
 //   that the source holds.  A sample counts by the density |dd/du x dd/dv| there; the sums of weights times density
 //   divide. They are read with Kernel::band_limited from prefiltered blocks; where a texel spans many of the source's,

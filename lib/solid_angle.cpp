@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "assertion.h"
-#include "read_kernels.h"
 #include "row_kernels.h"
+#include "texel_kernels.h"
 
 namespace envconv {
 namespace {
@@ -436,19 +436,49 @@ void add_block(const Image& image, int x0, int y0, int nx, int ny, const double*
   }
 }
 
+// Sums over texels of a band of rows, most_block at most.
+class BandSums {
+ public:
+  BandSums(const EnvImage& image, int face, int y0, int rows)
+      : image_(image), pixels_(image.faces[static_cast<std::size_t>(face)]), face_(face), y0_(y0), rows_(rows) {
+    ENVCONV_ASSERT(rows <= most_block);
+    const LayoutInfo& info = image.layout->info();
+    // Where centres lie on edges, texels there are halves.
+    rows_alike_ = (info.zonal || info.equal_area) && info.domain == Domain::square &&
+                  image.placement == Placement::centre && image.channels.count() <= 4;
+    if (rows_alike_) solid_angles(0, 1);
+  }
+
+  // Columns [x0, x0 + nx).
+  void add(int x0, int nx, double* sums) {
+    if (rows_alike_)
+      return add_rows(pixels_.channels(), nx, rows_, pixels_.at(x0, y0_),
+                      static_cast<std::ptrdiff_t>(pixels_.width()) * pixels_.channels(), omega_, sums);
+    // So few at once that they stay in the cache.
+    for (int x = x0; x < x0 + nx; x += most_block) {
+      const int width = std::min(most_block, x0 + nx - x);
+      solid_angles(x, width);
+      add_block(pixels_, x, y0_, width, rows_, omega_, sums);
+    }
+  }
+
+ private:
+  void solid_angles(int x, int width) {
+    texel_solid_angles(*image_.layout, face_, {pixels_.width(), pixels_.height()}, image_.placement, x, y0_, width,
+                       rows_, omega_);
+  }
+  const EnvImage& image_;
+  const Image& pixels_;
+  int face_, y0_, rows_;
+  bool rows_alike_;
+  double omega_[most_block * most_block];  // of texels, or of a texel of each row
+};
+
 }  // namespace
 
 void add_to_sums(const EnvImage& image, int face, int x0, int y0, int nx, int ny, double* sums) {
-  const Image& pixels = image.faces[static_cast<std::size_t>(face)];
-  // So few at once that they stay in the cache.
-  double omega[most_block * most_block];
   for (int y = y0; y < y0 + ny; y += most_block)
-    for (int x = x0; x < x0 + nx; x += most_block) {
-      const int width = std::min(most_block, x0 + nx - x), height = std::min(most_block, y0 + ny - y);
-      texel_solid_angles(*image.layout, face, {pixels.width(), pixels.height()}, image.placement, x, y, width, height,
-                         omega);
-      add_block(pixels, x, y, width, height, omega, sums);
-    }
+    BandSums(image, face, y, std::min(most_block, y0 + ny - y)).add(x0, nx, sums);
 }
 
 SphereMean mean_of_sums(std::span<const double> sums) {
@@ -474,9 +504,10 @@ SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int,
     std::vector<double> partial(static_cast<std::size_t>(bands) * count, 0.0);
     tbb::parallel_for(0, bands, [&](int band) {
       const int y0 = band * band_rows, ny = std::min(band_rows, face.height() - y0);
+      BandSums band_sums(image, f, y0, ny);
       for (int x0 = 0; x0 < face.width(); x0 += most_block) {
         const int nx = std::min(most_block, face.width() - x0);
-        add_to_sums(image, f, x0, y0, nx, ny, &partial[static_cast<std::size_t>(band) * count]);
+        band_sums.add(x0, nx, &partial[static_cast<std::size_t>(band) * count]);
         if (visit) visit(f, x0, y0, nx, ny);
       }
     });

@@ -14,6 +14,7 @@
 #include "assertion.h"
 #include "solid_angle.h"
 #include "source_blocks.h"
+#include "texel_kernels.h"
 
 namespace envconv {
 

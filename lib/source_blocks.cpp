@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "assertion.h"
+#include "texel_kernels.h"
 
 namespace envconv {
 
@@ -76,25 +77,23 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
   const int column = (block - grid.first) % grid.across * side, row = (block - grid.first) / grid.across * side;
   slot.block = block;
   filter(f, column + apron - reach, row + apron - reach, std::min(side, face.size.width - column) + 2 * reach,
-         std::min(side, face.size.height - row) + 2 * reach, slot);
+         std::min(side, face.size.height - row) + 2 * reach, margin, slot);
 }
 
 // A rectangle of padded texels.
-void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot& slot) {
+void SourceBlocks::filter(int f, int left, int top, int width, int height, int margin, Slot& slot) {
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
   const int channels = source_->channels();
   const int wide = width + 2 * margin, high = height + 2 * margin;
   const int x = left - margin, y = top - margin;
   ENVCONV_ASSERT(x >= 0 && y >= 0 && x + wide <= face.columns && y + high <= face.rows);
-  if (slot.texels.empty()) {
-    const int longest = &slot == &view_ ? longest_view : side + 2 * reach;
-    // Loads reach past a window; what they find there must be numbers.
-    slot.texels = Image(longest + 16, longest + 2 * margin + abreast, channels);
-    slot.texels.fill(0);
-  }
-  slot.x = left;
-  slot.y = y;
-  const std::size_t pitch = static_cast<std::size_t>(slot.texels.width()) * static_cast<std::size_t>(channels);
+  // Loads reach past a window, stores past a row.
+  const std::size_t pitch = (static_cast<std::size_t>(width) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
+  const std::size_t floats = pitch * static_cast<std::size_t>(high + abreast);
+  if (slot.texels.size() < floats) slot.texels.assign(floats, 0.0f);
+  slot.pitch = static_cast<std::ptrdiff_t>(pitch);
+  slot.x = left, slot.y = top;
+  slot.first = margin * slot.pitch;
   const std::size_t row_floats = (static_cast<std::size_t>(wide) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
   rows_.resize(std::max(rows_.size(), abreast * row_floats));
   work_.resize(std::max(work_.size(), static_cast<std::size_t>(wide) * 4 * abreast));
@@ -114,27 +113,28 @@ void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot&
     // The next rows of the source, pages apart, come while these are filtered.
     for (int k = j + abreast; k < std::min(j + 2 * abreast, high); ++k)
       if (const float* next = source_->row_in_place(f, x, y + k, wide))
-        for (int at = 0; at < wide * channels; at += 16) __builtin_prefetch(next + at);
+        for (int at = 0; at < wide * channels; at += 16) __builtin_prefetch(next + at, 0, 2);
     prefilter_rows(channels, wide, margin, in, out, work_.data());
   }
-  prefilter_columns(width * channels, high, static_cast<std::ptrdiff_t>(pitch), slot.texels.data());
+  prefilter_columns(width * channels, high, slot.pitch, slot.texels.data());
 }
 
 void SourceBlocks::make_view() {
   const SourceView& view = *wanted_;
-  // The windows of samples there, and two texels more: views are found at some of a tile's points only.
-  constexpr int around = taps(Kernel::band_limited) / 2 + 2;
+  // The windows of samples there, and a texel more: views are found at some of a tile's points only.
+  constexpr int around = taps(Kernel::band_limited) / 2 + 1;
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(view.face)];
   const auto bounded = [&](double at, int texels) {
-    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), margin,
-                      texels - margin);
+    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), view_margin,
+                      texels - view_margin);
   };
   const int left = bounded(view.left - around, face.columns), right = bounded(view.right + around + 1, face.columns);
   const int top = bounded(view.top - around, face.rows), bottom = bounded(view.bottom + around + 1, face.rows);
-  if (right - left <= longest_view && bottom - top <= longest_view && right > left && bottom > top) {
+  const auto texels = [](int from, int to) { return static_cast<std::int64_t>(to) - from + 2 * view_margin; };
+  if (right > left && bottom > top && texels(left, right) * texels(top, bottom) <= largest_view) {
     view_.block = view.face;
     view_width_ = right - left, view_height_ = bottom - top;
-    filter(view.face, left, top, view_width_, view_height_, view_);
+    filter(view.face, left, top, view_width_, view_height_, view_margin, view_);
   }
   wanted_.reset();
 }
@@ -150,13 +150,12 @@ void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Fi
   const int channels = source_->channels(), apron = source_->apron(), before = taps_before(Kernel::band_limited);
   // The samples whose nearest texels are [left, right) x [top, bottom) of a slot's.
   const auto field_of = [&](const Slot& slot, int left, int top, int right, int bottom) {
-    const std::ptrdiff_t pitch = static_cast<std::ptrdiff_t>(slot.texels.width()) * channels;
     return WindowField{slot.x + left,
-                       slot.y + margin + top,
+                       slot.y + top,
                        slot.x + right,
-                       slot.y + margin + bottom,
-                       slot.texels.data() - (slot.y + before) * pitch - (slot.x + before) * channels,
-                       pitch};
+                       slot.y + bottom,
+                       slot.texels.data() + slot.first - (slot.y + before) * slot.pitch - (slot.x + before) * channels,
+                       slot.pitch};
   };
   WindowField view{};
   if (view_.block >= 0) view = field_of(view_, before, before, view_width_ - before, view_height_ - before);

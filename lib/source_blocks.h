@@ -56,23 +56,27 @@ class SourceBlocks {
   static std::size_t bytes(int channels);
 
  private:
-  static constexpr int side = 128, reach = 3;  // texels of a block, and beyond each of its sides
-  static constexpr int longest_view = 192;     // texels of a side
+  static constexpr int side = 64, reach = 3;      // texels of a block, and beyond each of its sides
+  static constexpr int largest_view = 320 * 320;  // texels: all of it stays in a core's cache
+  // Fewer will do for views: at their rims lie only the samples beyond a tile's texels, which weigh little.
+  static constexpr int view_margin = 12;
   struct Grid {
     int across = 0, down = 0;
     std::int32_t first = 0;  // block
   };
   struct Slot {
-    Image texels;
+    std::vector<float> texels;
+    std::ptrdiff_t pitch = 0;  // floats from row to row
     std::int32_t block = -1;
-    std::int64_t tile = -1;  // that read it last
-    int x = 0, y = 0;        // padded texel of the first one stored
+    std::int64_t tile = -1;    // that read it last
+    int x = 0, y = 0;          // padded texel of the first one that is meant to be read
+    std::ptrdiff_t first = 0;  // float where that one lies
   };
   std::int32_t block_of(int face, int x, int y) const;
   Slot& slot_of(std::int32_t block);
   void make(std::int32_t block, Slot& slot);
   void make_view();
-  void filter(int face, int x, int y, int width, int height, Slot& slot);
+  void filter(int face, int x, int y, int width, int height, int margin, Slot& slot);
   template <class Find>
   void point_at(int n, const float* face, Windows& windows, const Find& find) const;
 

@@ -52,6 +52,22 @@ void for_each_near_highlight(const Source& source, const Workspace& w, int n, co
   }
 }
 
+// Where the rows of samples are going.
+struct Course {
+  float face = -1;
+  int x = 0, y = 0;
+
+  // Floats from a window's first to the middle of the one four rows of samples later, as far as a sample's way from the
+  // row before tells; once for each row.
+  std::ptrdiff_t ahead(const Workspace& w, int sample, int channels) {
+    constexpr int rows = 4, middle = taps(Kernel::drooping) / 2;
+    const int step_x = w.windows.x[sample] - x, step_y = w.windows.y[sample] - y;
+    const bool known = w.face[sample] == face;
+    face = w.face[sample], x = w.windows.x[sample], y = w.windows.y[sample];
+    return known ? (middle + rows * step_y) * w.windows.pitch[sample] + (middle + rows * step_x) * channels : 0;
+  }
+};
+
 // What a tile sees, and the samples beyond it that a grid takes.
 SourceView view_with_neighbours(const TilePlan& plan, const Tile& tile) {
   SourceView view = plan.view;
@@ -191,8 +207,11 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
   for (int i = 0; i < nu; ++i) w.u[i] = static_cast<float>(u + i * du);
   std::fill(w.u + nu, w.u + padded, w.u[0]);
   std::fill_n(w.weight, padded, 1.0f);
+  w.weight4.clear();
+  for (const float weight : qu.weight) w.weight4.insert(w.weight4.end(), 4, weight);
   const int stored = image_.channels.count();
   int texel = 0;  // row of the tile that is next
+  Course course;
   for (int row = 0; row < nv; ++row) {
     const double y = (row - qv.before() + 0.5) * step_v;
     const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out_.placement));
@@ -214,8 +233,9 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
       });
     }
     point(kernel, w, nu);
+    const std::ptrdiff_t ahead = course.ahead(w, nu / 2, source_.channels());
     const auto slot = static_cast<std::size_t>(row % ring);
-    sum_windows(kernel, source_.channels(), nu, w.windows, w.weight, w.samples_rows.data() + slot * padded * 4);
+    sum_windows(kernel, source_.channels(), nu, w.windows, w.weight, w.samples_rows.data() + slot * padded * 4, ahead);
     if (apart) std::copy_n(w.weight, padded, w.density_rows.data() + slot * padded);
     for (; texel < tile.height; ++texel) {
       const auto phase = static_cast<std::size_t>(texel % qv.texels);
@@ -230,7 +250,7 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
       const float* weight = qv.weight.data() + phase * static_cast<std::size_t>(ring);
       combine_rows(4 * nu, ring, weight, rows, w.combined.data());
       const float* into = w.combined.data() + 4 * static_cast<std::ptrdiff_t>(qu.before());
-      combine_samples(tile.width, qu.texels, qu.steps, qu.taps, qu.first.data(), qu.weight.data(), into, w.row);
+      combine_samples(tile.width, qu.texels, qu.steps, qu.taps, qu.first.data(), w.weight4.data(), into, w.row);
       if (apart) {
         combine_rows(nu, ring, weight, density, w.combined_density.data());
         combine_densities(qu, tile.width, w.combined_density.data() + qu.before(), w.total);

@@ -27,6 +27,7 @@ struct Workspace {
   alignas(64) float row[largest_tile * 4];
   // Of the grid: the last rows of samples, four floats each, and their densities; and those combined to a row.
   std::vector<float> samples_rows, density_rows, combined, combined_density;
+  std::vector<float> weight4;  // of the grid's texels in a row, each four times
 };
 
 /// One source, up to four channels of it, on its way to one output.  For several threads, each with its own workspace.

@@ -152,11 +152,13 @@ TEST_P(Laws, L06_OwnedPointsCoverTheSphereOnce) {
   EXPECT_NEAR(sum / (4 * pi), 1, tolerance);
 }
 
-TEST_P(Laws, L07_EqualAreaAndConformalAsDeclared) {
-  double area_min = 1e300, area_max = 0, anisotropy = 0;
+TEST_P(Laws, L07_EqualAreaZonalAndConformalAsDeclared) {
+  double area_min = 1e300, area_max = 0, anisotropy = 0, along_rows = 0;
   for (const auto& [face, u, v] : owned_points(2000, 7)) {
     const DirectionJet jet = layout().direction_jet(face, u, v);
     const Stretch s = texel_stretch(info().faces[face], jet);
+    const Stretch beside = texel_stretch(info().faces[face], layout().direction_jet(face, 0.5 * u + 0.25, v));
+    along_rows = std::max(along_rows, std::abs(beside.largest * beside.smallest / (s.largest * s.smallest) - 1));
     area_min = std::min(area_min, s.largest * s.smallest);
     area_max = std::max(area_max, s.largest * s.smallest);
     anisotropy = std::max(anisotropy, s.largest / s.smallest);
@@ -165,6 +167,10 @@ TEST_P(Laws, L07_EqualAreaAndConformalAsDeclared) {
     EXPECT_NEAR(area_max / area_min, 1, 1e-9);
   else
     EXPECT_GT(area_max / area_min, 1.01) << "deserves equal_area";
+  if (info().zonal || info().equal_area)
+    EXPECT_LT(along_rows, 1e-9);
+  else
+    EXPECT_GT(along_rows, 0.01) << "deserves zonal";
   if (info().conformal)
     EXPECT_NEAR(anisotropy, 1, 1e-6);
   else

@@ -25,6 +25,7 @@ struct latlong {
                 "Centre +Z, right of centre +X, top row +Y. Beyond a pole the formula goes on down the opposite "
                 "meridian, so seam and poles need no special case.",
             .faces = latlong_faces,
+            .zonal = true,
             .rows = latlong_rows};
   }
   template <class F>

@@ -30,6 +30,7 @@ struct tennis_ball {
                 "rectangles the Yin-Yang grid. Erratum: the paper's equation 4 has a wrong sign in c1's atan2.",
             .faces = faces,
             .domain = Domain::overlap,
+            .zonal = true,
             .rows = rows,
             .max_error = 0.002};
   }
