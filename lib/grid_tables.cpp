@@ -8,7 +8,7 @@ namespace envconv {
 namespace {
 
 // Largest steps of a grid, in source texels.
-constexpr double grid_spacing = 1.1, direct_spacing = 1.4;
+constexpr double grid_spacing = 1.1, direct_spacing = 1.5;
 
 }  // namespace
 

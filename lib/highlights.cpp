@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "assertion.h"
@@ -25,18 +27,14 @@ constexpr int longest_spread = 64;  // texels
 
 // Threshold from a histogram of a sample of texels: 4 bins an octave, each with the sum of its values.
 struct Histogram {
-  static constexpr int bins = 1024;
+  static constexpr std::size_t bins = 1024;
   std::array<double, bins> count{}, sum{};
-  // Of v > 0; infinity, which a file may hold, is in the last one.
-  static int bin(double v) {
-    const double quarters = std::min(std::log2(v) * 4.0, static_cast<double>(bins));
-    return std::clamp(static_cast<int>(quarters) + bins / 2, 0, bins - 1);
-  }
-  void add(double v) {
-    if (!(v > 0)) v = 0;
-    const int b = v > 0 ? bin(v) : 0;
-    count[static_cast<std::size_t>(b)] += 1;
-    sum[static_cast<std::size_t>(b)] += v;
+  // A float's exponent and the first two bits of its mantissa.  Infinity, which a file may hold, has a bin as well.
+  void add(float v) {
+    const float value = v > 0 ? v : 0;
+    const std::uint32_t bin = std::bit_cast<std::uint32_t>(value) >> 21;
+    count[bin] += 1;
+    sum[bin] += static_cast<double>(value);
   }
   double mean_below(double limit) const {
     double n = 0, s = 0;
@@ -95,7 +93,7 @@ void Source::split_highlights(const EnvImage& image) {
       // A texel here and there maps pages all around.
       s.image->relieve();
       for (int x = (y / step) % step; x < s.size.width; x += step)
-        histogram.add(static_cast<double>(brightness(pixel(s, x + apron_, y + apron_))));
+        histogram.add(brightness(pixel(s, x + apron_, y + apron_)));
     }
   double limit = threshold_over_mean * histogram.mean_below(1e30);
   for (int i = 0; i < 40; ++i) limit = threshold_over_mean * histogram.mean_below(limit);
