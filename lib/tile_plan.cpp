@@ -8,8 +8,9 @@
 namespace envconv {
 namespace {
 
-constexpr double sliver_limit = 1.375;  // longest side over shortest that the sampling follows
-constexpr int sliver_samples = 24;      // samples a side where highlights lie on slivers
+constexpr double sliver_limit = 1.375;    // longest side over shortest that the sampling follows
+constexpr double rim = 0.5 * (1 - 1e-6);  // of a disc, in its u and v
+constexpr int sliver_samples = 24;        // samples a side where highlights lie on slivers
 
 // Whether the map's derivatives jump somewhere: between two of five points in a row they change much more than between
 // the others.  Creases are straight or nearly so, and jumps of the size of the derivatives themselves.
@@ -43,13 +44,84 @@ bool is_creased(const EnvImage& out, const Tile& tile) {
   return false;
 }
 
+// The sides of the texel around a point of a disc, as chords: derivatives have no bound at some discs' rims.  What lies
+// beyond the rim is taken to it.
+std::pair<Vec3, Vec3> chords(const EnvImage& out, int face, double u, double v, double eu, double ev) {
+  const auto at = [&](double a, double b) {
+    const double x = a - 0.5, y = b - 0.5, r = std::hypot(x, y), scale = r > rim ? rim / r : 1;
+    return out.layout->direction(face, 0.5 + scale * x, 0.5 + scale * y);
+  };
+  return {at(u + 0.5 * eu, v) - at(u - 0.5 * eu, v), at(u, v + 0.5 * ev) - at(u, v - 0.5 * ev)};
+}
+
+// A texel of the output among the source's.
+struct Footprint {
+  Location at;                    // of its centre, in the source
+  double side_u = 0, side_v = 0;  // source texels along its sides
+  double narrow = 1e30;           // source texels that it is wide where it is narrowest
+  SourceWave wave_u, wave_v;      // see TilePlan; meaningful if has_waves
+  bool has_waves = false;
+};
+
+Footprint footprint(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
+                    int face, double u, double v, const DirectionJet& jet) {
+  const Image& pixels = out.faces[static_cast<std::size_t>(face)];
+  const double eu = texel_extent(pixels.width(), out.placement), ev = texel_extent(pixels.height(), out.placement);
+  Footprint f;
+  const auto [du, dv] =
+      out.layout->info().domain == Domain::disc ? chords(out, face, u, v, eu, ev) : std::pair(eu * jet.du, ev * jet.dv);
+  const Vec3 tu = source_from_out * du, tv = source_from_out * dv, d = source_from_out * jet.d;
+  f.at = source.layout->locate(d);
+  const Image& s = source.faces[static_cast<std::size_t>(f.at.face)];
+  const DirectionJet from = source.layout->direction_jet(f.at.face, f.at.u, f.at.v);
+  const Vec3 a = texel_extent(s.width(), source.placement) * from.du;
+  const Vec3 b = texel_extent(s.height(), source.placement) * from.dv;
+  const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
+  const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
+  const double wide = std::sqrt(0.5 * (aa + bb + root));
+  const double thin =
+      std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / (filter.limited ? sliver_limit : 1));
+  if (!(wide > 0) || !std::isfinite(wide)) return f;
+  const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
+  const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
+  // A side of the output's texel in the source's, along these and across.
+  const Vec3 across = cross(normalize(d), along);
+  struct Side {
+    double along, across;
+    double squared() const { return along * along + across * across; }
+  };
+  const Side su{dot(tu, along) / wide, dot(tu, across) / thin}, sv{dot(tv, along) / wide, dot(tv, across) / thin};
+  f.side_u = std::sqrt(su.squared()), f.side_v = std::sqrt(sv.squared());
+  const double area = su.along * sv.across - su.across * sv.along, both = su.squared() + sv.squared();
+  f.narrow = std::sqrt(0.5 * (both - std::sqrt(std::max(0.0, both * both - 4 * area * area))));
+  // Both sides in the source's rows and columns, and the wave vectors q with q.tu = 1, q.tv = 0 and vice versa.
+  const double gram = aa * bb - ab * ab;
+  const auto texels = [&](Vec3 t) {
+    const double x = dot(t, a), y = dot(t, b);
+    return std::pair{(x * bb - y * ab) / gram, (y * aa - x * ab) / gram};
+  };
+  const auto [ux, uy] = texels(tu);
+  const auto [vx, vy] = texels(tv);
+  const double turn = ux * vy - uy * vx;
+  f.wave_u = {std::abs(vy / turn), std::abs(vx / turn)}, f.wave_v = {std::abs(uy / turn), std::abs(ux / turn)};
+  f.has_waves = std::isfinite(f.wave_u.along + f.wave_u.across + f.wave_v.along + f.wave_v.across);
+  return f;
+}
+
+// Samples of a side of so many source texels.
+int samples_of(const Filter& filter, double texels) {
+  if (filter.spacing <= 0) return filter.least_samples;
+  const double wanted = std::ceil(texels * filter.window / filter.spacing - 0.02);
+  return std::max(filter.least_samples, static_cast<int>(std::min(wanted, 4096.0)));
+}
+
 }  // namespace
 
 TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                    const ResampleOptions& options, const Tile& tile) {
   TilePlan plan;
   const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-  const double eu = texel_extent(face.width(), out.placement), ev = texel_extent(face.height(), out.placement);
+  const bool disc = out.layout->info().domain == Domain::disc;
   int waves = 0;
   bool one_face = true;
   for (int j = 0; j < TilePlan::nodes_y; ++j)
@@ -62,52 +134,19 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
       const double density = length(cross(jet.du, jet.dv));
       plan.density[j][i] = out.layout->info().equal_area ? 1.0 : std::isfinite(density) ? density : 0.0;
       if (i % 2 || j % 2) continue;
-      // Sides of the texel in source texels.
-      const Vec3 tu = source_from_out * (eu * jet.du), tv = source_from_out * (ev * jet.dv);
-      const Vec3 d = source_from_out * jet.d;
-      const Location at = source.layout->locate(d);
-      const Image& s = source.faces[static_cast<std::size_t>(at.face)];
-      if (plan.view.face < 0) plan.view.face = at.face;
-      one_face = one_face && plan.view.face == at.face;
-      plan.view.add(texel_from_u(at.u, s.width(), source.placement), texel_from_u(at.v, s.height(), source.placement));
-      const DirectionJet from = source.layout->direction_jet(at.face, at.u, at.v);
-      const Vec3 a = texel_extent(s.width(), source.placement) * from.du;
-      const Vec3 b = texel_extent(s.height(), source.placement) * from.dv;
-      const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
-      const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
-      double wide = std::sqrt(0.5 * (aa + bb + root));
-      const double thin =
-          std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / (filter.limited ? sliver_limit : 1));
-      if (!(wide > 0) || !std::isfinite(wide)) continue;
-      const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
-      const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
-      // A side of the output's texel in the source's, along these and across.
-      const Vec3 across = cross(normalize(d), along);
-      struct Side {
-        double along, across;
-        double squared() const { return along * along + across * across; }
-      };
-      const Side su{dot(tu, along) / wide, dot(tu, across) / thin}, sv{dot(tv, along) / wide, dot(tv, across) / thin};
-      const double nu = std::sqrt(su.squared()), nv = std::sqrt(sv.squared());
-      if (std::isfinite(nu)) plan.need_u = std::max(plan.need_u, nu);
-      if (std::isfinite(nv)) plan.need_v = std::max(plan.need_v, nv);
-      const double area = su.along * sv.across - su.across * sv.along, both = su.squared() + sv.squared();
-      const double narrow = std::sqrt(0.5 * (both - std::sqrt(std::max(0.0, both * both - 4 * area * area))));
-      if (std::isfinite(narrow)) plan.least = std::min(plan.least, narrow);
-      // Both sides in the source's rows and columns, and the wave vectors q with q.tu = 1, q.tv = 0 and vice versa.
-      const double gram = aa * bb - ab * ab;
-      const auto texels = [&](Vec3 t) {
-        const double x = dot(t, a), y = dot(t, b);
-        return std::pair{(x * bb - y * ab) / gram, (y * aa - x * ab) / gram};
-      };
-      const auto [ux, uy] = texels(tu);
-      const auto [vx, vy] = texels(tv);
-      const double turn = ux * vy - uy * vx;
-      const SourceWave qu{std::abs(vy / turn), std::abs(vx / turn)}, qv{std::abs(uy / turn), std::abs(ux / turn)};
-      if (!std::isfinite(qu.along + qu.across + qv.along + qv.across)) continue;
+      const Footprint f = footprint(source, out, source_from_out, filter, tile.face, u, v, jet);
+      const Image& s = source.faces[static_cast<std::size_t>(f.at.face)];
+      if (plan.view.face < 0) plan.view.face = f.at.face;
+      one_face = one_face && plan.view.face == f.at.face;
+      plan.view.add(texel_from_u(f.at.u, s.width(), source.placement),
+                    texel_from_u(f.at.v, s.height(), source.placement));
+      if (std::isfinite(f.side_u)) plan.need_u = std::max(plan.need_u, f.side_u);
+      if (std::isfinite(f.side_v)) plan.need_v = std::max(plan.need_v, f.side_v);
+      if (std::isfinite(f.narrow)) plan.least = std::min(plan.least, f.narrow);
+      if (!f.has_waves) continue;
       ++waves;
-      plan.wave_u.along += qu.along, plan.wave_u.across += qu.across;
-      plan.wave_v.along += qv.along, plan.wave_v.across += qv.across;
+      plan.wave_u.along += f.wave_u.along, plan.wave_u.across += f.wave_u.across;
+      plan.wave_v.along += f.wave_v.along, plan.wave_v.across += f.wave_v.across;
     }
   if (!one_face) plan.view = {};
   for (SourceWave* wave : {&plan.wave_u, &plan.wave_v})
@@ -115,7 +154,7 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
   double least = plan.density[0][0], most = least;
   for (const auto& row : plan.density)
     for (const double density : row) least = std::min(least, density), most = std::max(most, density);
-  if (out.layout->info().domain == Domain::disc) {
+  if (disc) {
     for (const double x : {tile.x0 - grid_reach, tile.x0 + tile.width - 1 + grid_reach})
       for (const double y : {tile.y0 - grid_reach, tile.y0 + tile.height - 1 + grid_reach})
         plan.inside = plan.inside && std::hypot(u_from_texel(x, face.width(), out.placement) - 0.5,
@@ -126,16 +165,39 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
   if (options.samples > 0) {
     plan.ku = plan.kv = options.samples;
   } else {
-    const auto samples = [&](double texels) {
-      if (filter.spacing <= 0) return filter.least_samples;
-      const double wanted = std::ceil(texels * filter.window / filter.spacing - 0.02);
-      return std::max(filter.least_samples, static_cast<int>(std::min(wanted, 4096.0)));
-    };
-    plan.ku = samples(plan.need_u);
-    plan.kv = samples(plan.need_v);
+    plan.ku = samples_of(filter, plan.need_u);
+    plan.kv = samples_of(filter, plan.need_v);
   }
   if (tile.slivers) plan.ku = std::max(plan.ku, sliver_samples), plan.kv = std::max(plan.kv, sliver_samples);
   return plan;
+}
+
+std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
+                                  const Filter& filter, int face, int x, int y) {
+  const Image& pixels = out.faces[static_cast<std::size_t>(face)];
+  const double u = u_from_texel(x, pixels.width(), out.placement), v = u_from_texel(y, pixels.height(), out.placement);
+  const Footprint f =
+      footprint(source, out, source_from_out, filter, face, u, v, out.layout->direction_jet(face, u, v));
+  const auto stepped = [&](double side) {
+    const int n = samples_of(filter, std::isfinite(side) ? side : 0);
+    const int step = n < 8 ? 1 : n < 16 ? 2 : n < 32 ? 4 : 8;
+    return (n + step - 1) / step * step;
+  };
+  return {stepped(f.side_u), stepped(f.side_v)};
+}
+
+RimSide rim_side(const EnvImage& out, int face, int x, int y) {
+  if (out.layout->info().domain != Domain::disc) return RimSide::inside;
+  const Image& pixels = out.faces[static_cast<std::size_t>(face)];
+  // Of a texel's side, from the disc's middle.
+  const auto bounds = [&](int i, int n) {
+    const double a = u_from_texel(i - 0.5, n, out.placement) - 0.5, b = u_from_texel(i + 0.5, n, out.placement) - 0.5;
+    return std::pair{std::max({a, -b, 0.0}), std::max(-a, b)};
+  };
+  const auto [near_u, far_u] = bounds(x, pixels.width());
+  const auto [near_v, far_v] = bounds(y, pixels.height());
+  if (std::hypot(far_u, far_v) <= 0.5) return RimSide::inside;
+  return std::hypot(near_u, near_v) > 0.5 ? RimSide::outside : RimSide::cut;
 }
 
 }  // namespace envconv

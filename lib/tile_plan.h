@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <utility>
 
 #include "filter.h"
 #include "image.h"
@@ -57,5 +58,13 @@ struct TilePlan {
 /// source_from_out: the output layout's axes to the source layout's.
 TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                    const ResampleOptions& options, const Tile& tile);
+
+/// Samples a side of one texel, along u and along v; many are rounded up, so that neighbours mostly take as many.
+std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
+                                  const Filter& filter, int face, int x, int y);
+
+/// Where a texel lies in a layout whose domain is a disc; texels of others are inside.
+enum class RimSide { inside, cut, outside };
+RimSide rim_side(const EnvImage& out, int face, int x, int y);
 
 }  // namespace envconv

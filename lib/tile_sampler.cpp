@@ -270,33 +270,36 @@ void TileSampler::store_row(Workspace& w, const Tile& tile, int j) {
                out_.faces[static_cast<std::size_t>(tile.face)].at(tile.x0, tile.y0 + j) + first_channel_);
 }
 
-// Calls visit(first sample's texel row, n) for every batch of samples of row j of the tile, with the workspace's
-// face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
+// Calls visit(n) for every batch of samples of texels [run.begin, run.end) in row j of the tile, taken in turn, with
+// the workspace's face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
 template <class Visit>
 void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
-                             const Quadrature& qv, int j, Workspace& w, const Visit& visit) const {
+                             const Quadrature& qv, int j, Run run, Workspace& w, const Visit& visit) const {
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
-  const int n = tile.width;
-  alignas(64) float gx[largest_tile], gy[largest_tile];  // relative change of the density per texel
-  density_slopes(plan, tile, j, gx, gy);
-  const bool disc = out_.layout->info().domain == Domain::disc;
-  bool outside[largest_tile];
+  const int n = run.end - run.begin, x0 = tile.x0 + run.begin;
+  alignas(64) float slopes_x[largest_tile], slopes_y[largest_tile];  // relative change of the density per texel
+  density_slopes(plan, tile, j, slopes_x, slopes_y);
+  float *gx = slopes_x + run.begin, *gy = slopes_y + run.begin, *total = w.total + run.begin;
+  bool cut[largest_tile], outside[largest_tile], any_cut = false;
   for (int i = 0; i < n; ++i) {
     outside[i] = false;
-    w.total[i] = 1.0f;
-    if (disc || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
+    total[i] = 1.0f;
+    cut[i] = rim_side(out_, tile.face, x0 + i, tile.y0 + j) != RimSide::inside;
+    any_cut = any_cut || cut[i];
+    if (cut[i] || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
     double sum = 0;  // some weights are cut off at 0
     for (int m = 0; m < qv.count(); ++m)
       for (int k = 0; k < qu.count(); ++k) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
-    w.total[i] = static_cast<float>(sum);
+    total[i] = static_cast<float>(sum);
   }
   const auto centred = [&](int i, int k, double offset_y, double& a, double& b) {
-    a = 2 * u_from_texel(tile.x0 + i + qu.offset[static_cast<std::size_t>(k)], face.width(), out_.placement) - 1;
+    a = 2 * u_from_texel(x0 + i + qu.offset[static_cast<std::size_t>(k)], face.width(), out_.placement) - 1;
     b = 2 * u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement) - 1;
   };
-  if (disc) {
+  if (any_cut) {
     // Only samples inside the disc count; a texel without any takes the nearest rim's radiance.
     for (int i = 0; i < n; ++i) {
+      if (!cut[i]) continue;
       double sum = 0;
       for (int m = 0; m < qv.count(); ++m)
         for (int k = 0; k < qu.count(); ++k) {
@@ -305,7 +308,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
           if (a * a + b * b <= 1) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
         }
       outside[i] = !(sum > 0);
-      w.total[i] = outside[i] ? 1.0f : static_cast<float>(sum);
+      total[i] = outside[i] ? 1.0f : static_cast<float>(sum);
       if (outside[i]) gx[i] = gy[i] = 0;
     }
   }
@@ -321,7 +324,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
         const double offset_x = qu.offset[static_cast<std::size_t>(k)];
         const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
         // u is affine in the texel's index.
-        const double first = u_from_texel(tile.x0 + offset_x, face.width(), out_.placement);
+        const double first = u_from_texel(x0 + offset_x, face.width(), out_.placement);
         const double step = texel_extent(face.width(), out_.placement);
         const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
         float* __restrict us = w.u + s;
@@ -330,8 +333,9 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
         for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
         std::fill_n(w.v + s, n, v);
         s += n;
-        if (!disc) continue;
+        if (!any_cut) continue;
         for (int i = 0; i < n; ++i) {
+          if (!cut[i]) continue;
           double a, b;
           centred(i, k, offset_y, a, b);
           const double r = std::sqrt(a * a + b * b);
@@ -367,8 +371,8 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
     if ((wide && on_grid(w, tile, tile_plan, Kernel::drooping, met)) ||
         on_grid(w, tile, tile_plan, Kernel::band_limited, met))
       return;
-  } else if (grid && tile.width > least_part && tile.height > least_part) {
-    // Only the parts that the crease crosses go without a grid.
+  } else if ((grid || !tile_plan.inside) && tile.width > least_part && tile.height > least_part) {
+    // Only the parts that the crease crosses, or a disc's rim, go without a grid and as densely as these need.
     const int left = tile.width / 2, top = tile.height / 2;
     for (const int x : {0, left})
       for (const int y : {0, top}) {
@@ -393,18 +397,29 @@ bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_p
 
 // Samples every texel for itself, with positive weights.
 void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan) {
-  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+  // At a disc's rim texels need very different numbers of samples.
+  const bool apart = !tile_plan.inside && options_.samples == 0 && !tile.slivers;
+  const auto samples = [&](int i, int j) {
+    if (!apart) return std::pair{tile_plan.ku, tile_plan.kv};
+    if (rim_side(out_, tile.face, tile.x0 + i, tile.y0 + j) == RimSide::outside) return std::pair{1, 1};
+    return texel_samples(image_, out_, source_from_out_, filter_, tile.face, tile.x0 + i, tile.y0 + j);
+  };
   for (int j = 0; j < tile.height; ++j) {
     // A texel on a singular point may take millions of samples: batches are added up in double.
     double sum[largest_tile][4] = {};
-    sample_row(filter_.kernel, tile, tile_plan, qu, qv, j, w, [&](int count) {
-      point(filter_.kernel, w, count);
-      sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
-      std::fill_n(w.row, 4 * tile.width, 0.0f);
-      for (int s = 0; s < count; s += tile.width)
-        for (int i = 0; i < 4 * tile.width; ++i) w.row[i] += w.samples[4 * s + i];
-      for (int i = 0; i < 4 * tile.width; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
-    });
+    for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
+      const auto [ku, kv] = samples(run.begin, j);
+      for (run.end = run.begin + 1; run.end < tile.width && samples(run.end, j) == std::pair{ku, kv};) ++run.end;
+      const int n = run.end - run.begin;
+      sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), j, run, w, [&](int count) {
+        point(filter_.kernel, w, count);
+        sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
+        std::fill_n(w.row, 4 * n, 0.0f);
+        for (int s = 0; s < count; s += n)
+          for (int i = 0; i < 4 * n; ++i) w.row[i] += w.samples[4 * s + i];
+        for (int i = 0; i < 4 * n; ++i) sum[run.begin + i / 4][i % 4] += static_cast<double>(w.row[i]);
+      });
+    }
     for (int i = 0; i < 4 * tile.width; ++i) w.row[i] = static_cast<float>(sum[i / 4][i % 4]);
     store_row(w, tile, j);
   }
@@ -434,7 +449,7 @@ void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
   for (int j = 0; j < tile.height; ++j) {
     double scale[largest_tile];  // of weights to units of what is received; negative: not known yet
     std::fill_n(scale, tile.width, -1.0);
-    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, w, [&](int count) {
+    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, {0, tile.width}, w, [&](int count) {
       for_each_near_highlight(source_, w, count, [&](int s) {
         if (omega.empty()) {
           omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
@@ -473,7 +488,7 @@ void TileSampler::second_pass(Workspace& w, const Tile& whole, const Met& met) {
   HighlightQuad<const Highlights::Block> quad;
   for (int j = 0; j < tile.height; ++j) {
     double sum[largest_tile][4] = {};
-    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, w, [&](int count) {
+    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, {0, tile.width}, w, [&](int count) {
       for_each_near_highlight(source_, w, count, [&](int s) {
         const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
         const Place p = place_of(w.windows, s);

@@ -44,6 +44,9 @@ class TileSampler {
   void second_pass(Workspace& w, const Tile& tile, const Met& met);
 
  private:
+  struct Run {
+    int begin, end;  // texels of a tile's row
+  };
   void sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met);
   void find_windows(Kernel kernel, Workspace& w, int count) const;
   void point(Kernel kernel, Workspace& w, int count) const;
@@ -54,7 +57,7 @@ class TileSampler {
                  const GridQuadrature& qv, Met& met);
   template <class Visit>
   void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
-                  int j, Workspace& w, const Visit& visit) const;
+                  int j, Run run, Workspace& w, const Visit& visit) const;
   void store_row(Workspace& w, const Tile& tile, int j);
   void receive(Workspace& w, const Tile& whole, Met& met);
   TilePlan plan(const Tile& tile) const { return plan_tile(image_, out_, source_from_out_, filter_, options_, tile); }
