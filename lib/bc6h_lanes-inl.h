@@ -243,26 +243,32 @@ HWY_INLINE Lane forbid_at_anchor(const Regions& r, int texel, Lane error) {
   return error;
 }
 
-// Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
+// Levels of what a decoder makes of the indices between two end points of one channel.
 template <int regions>
-HWY_NOINLINE void evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
+HWY_INLINE void palette_of(const Format& f, Lane first, Lane second, Lane palette[regions == 1 ? 16 : 8]) {
+  const Lane p = unquantize(f, first), difference = unquantize(f, second) - p;
+  for (int i = 0; i < (regions == 1 ? 16 : 8); ++i) {
+    const Lane u = floor(difference * (bc6h::weight(regions, i) / 64.0) + p + 0.5);
+    palette[i] = level_of(floor(u * (31.0 / 64)));
+  }
+}
+
+// Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
+// Returns the second region's part of the error.
+template <int regions>
+HWY_NOINLINE Lane evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
   constexpr int count = regions == 1 ? 16 : 8;
-  Lane palette[2][count][3];
+  Lane palette[2][3][count];
   for (int g = 0; g < regions; ++g)
-    for (int c = 0; c < 3; ++c) {
-      const Lane p = unquantize(f, a.ends[2 * g][c]), difference = unquantize(f, a.ends[2 * g + 1][c]) - p;
-      for (int i = 0; i < count; ++i) {
-        const Lane u = floor(difference * (bc6h::weight(regions, i) / 64.0) + p + 0.5);
-        palette[g][i][c] = level_of(floor(u * (31.0 / 64)));
-      }
-    }
+    for (int c = 0; c < 3; ++c) palette_of<regions>(f, a.ends[2 * g][c], a.ends[2 * g + 1][c], palette[g][c]);
   a.error = 0.0;
+  Lane second = 0.0;
   for (int k = 0; k < 16; ++k) {
     Lane least = most, index = 0.0;
     for (int i = 0; i < (k == 0 ? count / 2 : count); ++i) {
       Lane error = 0.0;
       for (int c = 0; c < 3; ++c) {
-        const Lane e = by_region<regions>(r, k, palette[0][i][c], palette[regions - 1][i][c]) - t.level[k][c];
+        const Lane e = by_region<regions>(r, k, palette[0][c][i], palette[regions - 1][c][i]) - t.level[k][c];
         error = error + e * e;
       }
       if (i >= count / 2) error = forbid_at_anchor<regions>(r, k, error);
@@ -270,8 +276,11 @@ HWY_NOINLINE void evaluate(const Target& t, const Regions& r, const Format& f, C
       least = min(error, least);
     }
     a.index[k] = index;
-    a.error = a.error + least * t.emphasis[k];
+    least = least * t.emphasis[k];
+    a.error = a.error + least;
+    if constexpr (regions == 2) second = second + where(r.second[k], least);
   }
+  return second;
 }
 
 // --- end points for given indices

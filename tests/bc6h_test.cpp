@@ -315,16 +315,22 @@ Image panorama(const std::string& name) {
   }
   return std::move(file->pictures[0].image);
 }
-// Every `stride`-th block.
+HalfTexels block_of(const Image& image, int number) {
+  const int columns = image.width() / 4, x = 4 * (number % columns), y = 4 * (number / columns);
+  HalfTexels texels;
+  for (int k = 0; k < 16; ++k)
+    for (int c = 0; c < 3; ++c) texels[at(k)][at(c)] = half_bits(image.at(x + k % 4, y + k / 4)[c]);
+  return texels;
+}
+// Numbers of every `stride`-th block.
+std::vector<int> every(const Image& image, int stride) {
+  std::vector<int> numbers;
+  for (int i = stride / 2; i < image.width() / 4 * (image.height() / 4); i += stride) numbers.push_back(i);
+  return numbers;
+}
 std::vector<HalfTexels> sample(const Image& image, int stride) {
   std::vector<HalfTexels> blocks;
-  const int columns = image.width() / 4;
-  for (int i = stride / 2; i < columns * (image.height() / 4); i += stride) {
-    HalfTexels& texels = blocks.emplace_back();
-    for (int k = 0; k < 16; ++k)
-      for (int c = 0; c < 3; ++c)
-        texels[at(k)][at(c)] = half_bits(image.at(4 * (i % columns) + k % 4, 4 * (i / columns) + k / 4)[c]);
-  }
+  for (const int number : every(image, stride)) blocks.push_back(block_of(image, number));
   return blocks;
 }
 
@@ -345,53 +351,49 @@ TEST(Bc6hEncoder, NeverWorseThanTheSimplest) {
   }
 }
 
-// Of one panorama: how far efforts are from the exhaustive search, in dB.
-struct Loss {
-  double fast = 0, normal = 0;
-};
-Loss loss(const std::vector<HalfTexels>& texels) {
-  double least = 0;
-  for (const HalfTexels& block : texels) {
-    const test::ExhaustiveSearch search(block);
-    EXPECT_NEAR(block_error(bc6h::decode(search.block(), false), block), search.error(), 1e-3 * search.error() + 1e-5);
+// How far an encoding of an image is from the exhaustive search in some of its blocks, in dB.
+double loss(const Image& image, const Bytes& bytes, const std::vector<int>& numbers) {
+  double least = 0, sum = 0;
+  for (const int number : numbers) {
+    const HalfTexels texels = block_of(image, number);
+    const test::ExhaustiveSearch search(texels);
+    EXPECT_NEAR(block_error(bc6h::decode(search.block(), false), texels), search.error(), 1e-3 * search.error() + 1e-5);
     least += search.error();
+    Block block;
+    EXPECT_TRUE(bc6h::unpack(&bytes[16 * at(number)], false, block));
+    sum += block_error(bc6h::decode(block, false), texels);
   }
-  const auto db = [&](Bc6hEffort effort) {
-    const std::vector<Block> blocks = encode_blocks(texels, effort);
-    double sum = 0;
-    for (std::size_t i = 0; i < blocks.size(); ++i) sum += block_error(bc6h::decode(blocks[i], false), texels[i]);
-    return 10 * std::log10(sum / least);
-  };
-  return {db(Bc6hEffort::fast), db(Bc6hEffort::normal)};
+  return 10 * std::log10(sum / least);
 }
 
-// The blocks of a square of 16x16 texels.
-std::vector<HalfTexels> crop(const Image& image, int left, int top) {
-  Image square(16, 16, 3);
-  for (int y = 0; y < 16; ++y)
-    for (int x = 0; x < 16; ++x) std::copy_n(image.at(left + x, top + y), 3, square.at(x, y));
-  return sample(square, 1);
+// Numbers of the blocks of a square of 16x16 texels.
+std::vector<int> square(const Image& image, int left, int top) {
+  std::vector<int> numbers;
+  for (int k = 0; k < 16; ++k) numbers.push_back((top / 4 + k / 4) * (image.width() / 4) + left / 4 + k % 4);
+  return numbers;
 }
 
+// Where a search with the same effort everywhere loses most, 0.7 to 3.5 dB: a block or two that hold most of a crop's
+// error, edges that no partition follows, clusters that end points of few bits hit by luck.
 struct Panorama {
   const char* name;
-  int left, top;  // of a crop with an edge against the sky, or lamps
+  std::vector<std::pair<int, int>> crops;
 };
 class Bc6hQuality : public testing::TestWithParam<Panorama> {};
 TEST_P(Bc6hQuality, IsNearTheBestThereIs) {
   const Image image = panorama(GetParam().name);
-  for (const auto& texels : {sample(image, 2000), crop(image, GetParam().left, GetParam().top)}) {
-    const Loss db = loss(texels);
-    EXPECT_LT(db.normal, 0.5) << texels.size();
-    EXPECT_LT(db.fast, 1.5) << texels.size();
-  }
+  const Bytes fast = encode(image, Bc6hEffort::fast, 2), normal = encode(image, Bc6hEffort::normal, 2);
+  const std::vector<int> some = every(image, 4000);
+  EXPECT_LT(loss(image, normal, some), 0.25);
+  EXPECT_LT(loss(image, fast, some), 0.5);
+  for (const auto& [left, top] : GetParam().crops)
+    EXPECT_LT(loss(image, normal, square(image, left, top)), 0.5) << left << ',' << top;
 }
-INSTANTIATE_TEST_SUITE_P(, Bc6hQuality,
-                         testing::Values(Panorama{"venice.hdr", 408, 280}, Panorama{"city.exr", 996, 128},
-                                         Panorama{"courtyard.exr", 408, 288}, Panorama{"interior.exr", 996, 128}),
-                         [](const auto& info) {
-                           return std::string(info.param.name, std::strcspn(info.param.name, "."));
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    , Bc6hQuality,
+    testing::Values(Panorama{"venice.hdr", {{328, 264}}}, Panorama{"city.exr", {{768, 284}, {268, 332}}},
+                    Panorama{"courtyard.exr", {{296, 252}}}, Panorama{"interior.exr", {{376, 496}, {244, 96}}}),
+    [](const auto& info) { return std::string(info.param.name, std::strcspn(info.param.name, ".")); });
 
 TEST(Bc6hEncoder, MoreEffortIsNoWorse) {
   const std::vector<HalfTexels> texels = sample(panorama("courtyard.exr"), 37);
