@@ -473,6 +473,14 @@ HWY_NOINLINE void polish(const Search& s, const Settings& settings, Candidate& b
         attempt(shifted(2 * g + 1, 2 * g + 1, step));
         attempt(shifted(2 * g, 2 * g + 1, step));
       }
+    for (int e = 0; s.target.balanced && e < 2 * regions;
+         ++e)  // single steps, which the first ones chose by texels alone
+      for (int c = 0; c < 3; ++c)
+        for (const int step : {-2, -1, 1, 2}) {
+          Candidate b = best;
+          b.ends[e][c] = b.ends[e][c] + step;
+          attempt(b);
+        }
     if (hn::AllFalse(LaneTag(), (best.error < before).m)) break;
   }
 }

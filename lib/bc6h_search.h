@@ -13,6 +13,8 @@ inline constexpr int most_blocks = 64;
 /// Blocks as the lanes want them.
 struct Texels {
   alignas(64) float radiance[16][3][most_blocks];  ///< [texel][R, G, B][block]; any values, NaN included
+  /// What a channel's sum of radiance over a block adds to the error, by its distance from what it should be; or 0.
+  float price[3] = {0, 0, 0};
 };
 
 inline constexpr int most_spans = 12;

@@ -272,8 +272,8 @@ TEST(Bc6hEncoder, EveryModeIsChosen) {
 }
 
 // The simplest encoder there is: the 10-bit mode from corner to corner of the bounding box, along the diagonal that
-// follows green.
-double simple_error(const HalfTexels& texels) {
+// follows green.  What it makes of a block.
+HalfTexels simple_encoding(const HalfTexels& texels) {
   Block block{};
   block.mode = 10;
   std::array<int, 3> low, high;
@@ -290,21 +290,32 @@ double simple_error(const HalfTexels& texels) {
     block.ends[0][c] = low[c] * 64 / 31 >> 6;
     block.ends[1][c] = high[c] * 64 / 31 >> 6;
   }
-  double sum = 0;
-  for (const auto& texel : texels) {
+  HalfTexels best{};
+  for (std::size_t k = 0; k < 16; ++k) {
     double least = HUGE_VAL;
     for (int i = 0; i < 16; ++i) {
       double error = 0;
+      std::array<std::uint16_t, 3> now;
       for (std::size_t c = 0; c < 3; ++c) {
         const int u = bc6h::interpolate(bc6h::unquantize(block.ends[0][c], 10), bc6h::unquantize(block.ends[1][c], 10),
                                         bc6h::weight(1, i));
-        error += std::pow(test::log_levels()[at(bc6h::to_half_bits(u))] - test::log_levels()[texel[c]], 2);
+        now[c] = static_cast<std::uint16_t>(bc6h::to_half_bits(u));
+        error += std::pow(test::log_levels()[now[c]] - test::log_levels()[texels[k][c]], 2);
       }
-      least = std::min(least, error);
+      if (error < least) least = error, best[k] = now;
     }
-    sum += least;
   }
-  return sum;
+  return best;
+}
+// How far channels' sums of radiance are apart.
+double sum_error(const HalfTexels& a, const HalfTexels& b) {
+  double error = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    double difference = 0;
+    for (std::size_t k = 0; k < 16; ++k) difference += half_value(a[k][c]) - half_value(b[k][c]);
+    error += std::abs(difference);
+  }
+  return error;
 }
 
 Image panorama(const std::string& name) {
@@ -345,9 +356,12 @@ TEST(Bc6hEncoder, NeverWorseThanTheSimplest) {
   }
   for (const Bc6hEffort effort : {Bc6hEffort::fast, Bc6hEffort::normal}) {
     const std::vector<Block> blocks = encode_blocks(texels, effort);
-    // The encoder's logarithm is good to 0.01 octaves.
-    for (std::size_t i = 0; i < blocks.size(); ++i)
-      ASSERT_LE(block_error(bc6h::decode(blocks[i], false), texels[i]), 1.03 * simple_error(texels[i]) + 1e-6) << i;
+    // In the logarithm, which the encoder has to 0.01 octaves, or else in the sum.
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      const HalfTexels got = bc6h::decode(blocks[i], false), simple = simple_encoding(texels[i]);
+      if (sum_error(got, texels[i]) >= sum_error(simple, texels[i]))
+        ASSERT_LE(block_error(got, texels[i]), 1.03 * block_error(simple, texels[i]) + 1e-6) << i;
+    }
   }
 }
 
@@ -428,18 +442,21 @@ TEST(Bc6hEncoder, SunAmongTheSky) {
     }
 }
 
-// What lights a scene is often a few texels in blocks that are hard to encode.
+// What lights a scene is often a few texels in blocks that are hard to encode: without regard to it 3.6 percent were
+// gained in city's green, and 1.7 lost in interior's.
 TEST(Bc6hEncoder, MeanRadianceStays) {
-  for (const char* name : {"city.exr", "interior.exr"}) {
+  for (const char* name : {"city.exr", "interior.exr", "venice.hdr"}) {
     const Image image = panorama(name);
-    const std::vector<float> rgb = round_trip(image, Bc6hEffort::normal);
-    for (std::size_t c = 0; c < 3; ++c) {
-      double before = 0, after = 0;
-      for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-        before += std::clamp(image.data()[i * at(image.channels()) + c], 0.f, 65504.f);
-        after += rgb[3 * i + c];
+    for (const Bc6hEffort effort : {Bc6hEffort::fast, Bc6hEffort::normal}) {
+      const std::vector<float> rgb = round_trip(image, effort);
+      for (std::size_t c = 0; c < 3; ++c) {
+        double before = 0, after = 0;
+        for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+          before += std::clamp(image.data()[i * at(image.channels()) + c], 0.f, 65504.f);
+          after += rgb[3 * i + c];
+        }
+        EXPECT_NEAR(after / before, 1, 0.005) << name << " channel " << c;
       }
-      EXPECT_NEAR(after / before, 1, 0.05) << name << " channel " << c;
     }
   }
 }
