@@ -79,11 +79,11 @@ struct SeamError {
 };
 /// Compares, at points along every seam, the clamped bilinear reconstructions of its two sides (the largest difference
 /// among channels of radiance), beside steps of equal length inside faces: the length is the angle between the nearest
-/// texels of the two sides, its root mean square along all seams, and steps are of as many texels along a row or a column
-/// as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is one
-/// direction, it is many.  Inside is every texel of which the layout owns a part.  Seams are the edges of faces, as far
-/// as the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces with
-/// gutters of so many texels, or empty.
+/// texels of the two sides, its root mean square along all seams, and steps are of as many texels along a row or a
+/// column as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is
+/// one direction, it is many.  Inside is every texel of which the layout owns a part.  Seams are the edges of faces, as
+/// far as the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces
+/// with gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv
