@@ -127,9 +127,18 @@ struct Target {
   Lane emphasis[16];   // of the texel's error
   Lane weight[16][3];  // emphasis, times the squared slope of the level at u
   Lane base[3];
+  Lane sum[3];  // of radiance
+  float price[3];
+  bool balanced;  // some price is not 0
 };
 
 HWY_INLINE void load(const Texels& texels, int first, Target& t) {
+  t.balanced = false;
+  for (int c = 0; c < 3; ++c) {
+    t.price[c] = texels.price[c];
+    t.balanced = t.balanced || t.price[c] > 0;
+    t.sum[c] = 0.0;
+  }
   Lane brightness[16], mean = 0.0;
   for (int k = 0; k < 16; ++k) {
     brightness[k] = 0.0;
@@ -137,6 +146,7 @@ HWY_INLINE void load(const Texels& texels, int first, Target& t) {
       const Lane x = within_halves(hn::Load(LaneTag(), texels.radiance[k][c] + first)), code = half_code(x);
       const Lane u = (code + 0.5) * (64.0 / 31);  // the middle of what decodes to the code
       if (k == 0) t.base[c] = u;
+      t.sum[c] = t.sum[c] + x;
       t.u[k][c] = u - t.base[c];
       t.level[k][c] = level_of(code);
       const Lane slope = level_and_slope(max(code, darkest)).slope;
@@ -243,26 +253,59 @@ HWY_INLINE Lane forbid_at_anchor(const Regions& r, int texel, Lane error) {
   return error;
 }
 
-// Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
+// Levels of what a decoder makes of the indices between two end points of one channel.
 template <int regions>
-HWY_NOINLINE void evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
-  constexpr int count = regions == 1 ? 16 : 8;
-  Lane palette[2][count][3];
-  for (int g = 0; g < regions; ++g)
-    for (int c = 0; c < 3; ++c) {
-      const Lane p = unquantize(f, a.ends[2 * g][c]), difference = unquantize(f, a.ends[2 * g + 1][c]) - p;
-      for (int i = 0; i < count; ++i) {
-        const Lane u = floor(difference * (bc6h::weight(regions, i) / 64.0) + p + 0.5);
-        palette[g][i][c] = level_of(floor(u * (31.0 / 64)));
-      }
+HWY_INLINE void palette_of(const Format& f, Lane first, Lane second, Lane palette[regions == 1 ? 16 : 8]) {
+  const Lane p = unquantize(f, first), difference = unquantize(f, second) - p;
+  for (int i = 0; i < (regions == 1 ? 16 : 8); ++i) {
+    const Lane u = floor(difference * (bc6h::weight(regions, i) / 64.0) + p + 0.5);
+    palette[i] = level_of(floor(u * (31.0 / 64)));
+  }
+}
+
+// The radiance of a half bit pattern.
+HWY_INLINE Lane radiance_of(Lane code) {
+  const Ints bits = hn::Add(hn::ShiftLeft<13>(to_ints(code)), ints(112 << 23));
+  return select(code < 1024.0, code * 0x1p-24, lane_of_bits(bits));
+}
+
+// What the differences of channels' sums count, of a candidate with its indices.
+template <int regions>
+HWY_NOINLINE Lane imbalance(const Target& t, const Regions& r, const Format& f, const Candidate& a) {
+  Lane total = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    Lane start[2], length[2], sum = 0.0;
+    for (int g = 0; g < regions; ++g) {
+      start[g] = unquantize(f, a.ends[2 * g][c]);
+      length[g] = unquantize(f, a.ends[2 * g + 1][c]) - start[g];
     }
+    for (int k = 0; k < 16; ++k) {
+      const Lane w = round(a.index[k] * (regions == 1 ? 64.0 / 15 : 64.0 / 7)) * (1.0 / 64);
+      const Lane u = by_region<regions>(r, k, length[0], length[regions - 1]) * w +
+                     by_region<regions>(r, k, start[0], start[regions - 1]);
+      sum = sum + radiance_of(floor(floor(u + 0.5) * (31.0 / 64)));
+    }
+    total = total + abs(sum - t.sum[c]) * static_cast<double>(t.price[c]);
+  }
+  return total;
+}
+
+// Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
+// Returns the second region's part of the texels' error.
+template <int regions>
+HWY_NOINLINE Lane evaluate(const Target& t, const Regions& r, const Format& f, Candidate& a) {
+  constexpr int count = regions == 1 ? 16 : 8;
+  Lane palette[2][3][count];
+  for (int g = 0; g < regions; ++g)
+    for (int c = 0; c < 3; ++c) palette_of<regions>(f, a.ends[2 * g][c], a.ends[2 * g + 1][c], palette[g][c]);
   a.error = 0.0;
+  Lane second = 0.0;
   for (int k = 0; k < 16; ++k) {
     Lane least = most, index = 0.0;
     for (int i = 0; i < (k == 0 ? count / 2 : count); ++i) {
       Lane error = 0.0;
       for (int c = 0; c < 3; ++c) {
-        const Lane e = by_region<regions>(r, k, palette[0][i][c], palette[regions - 1][i][c]) - t.level[k][c];
+        const Lane e = by_region<regions>(r, k, palette[0][c][i], palette[regions - 1][c][i]) - t.level[k][c];
         error = error + e * e;
       }
       if (i >= count / 2) error = forbid_at_anchor<regions>(r, k, error);
@@ -270,8 +313,12 @@ HWY_NOINLINE void evaluate(const Target& t, const Regions& r, const Format& f, C
       least = min(error, least);
     }
     a.index[k] = index;
-    a.error = a.error + least * t.emphasis[k];
+    least = least * t.emphasis[k];
+    a.error = a.error + least;
+    if constexpr (regions == 2) second = second + where(r.second[k], least);
   }
+  if (t.balanced) a.error = a.error + imbalance<regions>(t, r, f, a);
+  return second;
 }
 
 // --- end points for given indices

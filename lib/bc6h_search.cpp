@@ -2,6 +2,7 @@
 #include "bc6h_search.h"
 
 #include <algorithm>
+#include <array>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "bc6h_search.cpp"
@@ -194,16 +195,48 @@ HWY_INLINE void project(const Lines& lines, const Regions& r, const Directions& 
                      0.0, 1.0);
 }
 
-// The part of the line between the end points that texels are put on at first.  Beside all of it: end points outside
-// the texels' range often hit them better, where they are rounded coarsely.
-constexpr double spans[most_spans][2] = {{0, 1},           {0, 5. / 7},     {1. / 7, 6. / 7}, {0, 4. / 7},
-                                         {2. / 7, 1},      {1. / 7, 1},     {0, 6. / 7},      {3. / 7, 1},
-                                         {2. / 7, 5. / 7}, {1. / 7, 4. / 7}};
-
+// How a partition is tried.
 struct Depth {
   int spans, modes, refinements;
-  bool other_lines;
+  int exchanges = 0;
+  bool other_lines = false;
 };
+
+// The part of the line between the end points that texels are put on at first, in steps of indices.  Beside all of it:
+// end points outside the texels' range often hit them better, where they are rounded coarsely.
+template <int regions>
+constexpr std::array<std::array<double, 2>, most_spans> spans = {
+    {{0, 7}, {0, 5}, {1, 6}, {0, 4}, {2, 7}, {1, 7}, {0, 6}, {3, 7}, {2, 5}, {1, 4}, {1, 3}, {4, 1}}};
+// For one region while the other one stays, also short parts and the other way round: the first end point is far from
+// the region's texels then, and nearer to the other region's, to which the mode's differences must reach.
+constexpr std::array<std::array<double, 2>, 18> exchange_spans = {{{0, 7},
+                                                                   {0, 5},
+                                                                   {1, 6},
+                                                                   {0, 4},
+                                                                   {2, 7},
+                                                                   {1, 7},
+                                                                   {0, 6},
+                                                                   {3, 7},
+                                                                   {2, 5},
+                                                                   {1, 4},
+                                                                   {1, 3},
+                                                                   {2, 4},
+                                                                   {3, 1},
+                                                                   {4, 2},
+                                                                   {4, 1},
+                                                                   {3, 0},
+                                                                   {5, 2},
+                                                                   {6, 1}}};
+template <>
+constexpr std::array<std::array<double, 2>, most_spans> spans<1> = {
+    {{0, 15}, {1, 14}, {0, 14}, {1, 15}, {0, 13}, {2, 15}, {0, 12}, {3, 15}, {2, 13}, {0, 10}, {4, 11}, {6, 9}}};
+
+// Index of a texel at a place on its line, put on a part of it.
+template <int regions>
+HWY_INLINE Lane index_at(Lane place, int span) {
+  const auto& [from, to] = spans<regions>[static_cast<std::size_t>(span)];
+  return round(place * (to - from) + from);
+}
 
 // Other lines to start from: the principal axes in the space of interpolation, where black is far from what is dark;
 // for one region the diagonals of its box there; for two the other way round, one or both of them, since differences
@@ -219,45 +252,98 @@ HWY_INLINE void project_other(const Search& s, const Regions& r, int number, Lan
     project<regions>(s.levels, r, principal_axes<regions>(s.levels, r), number, place);
 }
 
-// Tries a partition from several starts, each in the modes whose rounding suits it; returns the least error.
+// One partition, from many starts.
 template <int regions>
-HWY_NOINLINE Lane try_partition(const Search& s, Lane partition, Depth depth, Candidate& best) {
-  constexpr int first_mode = regions == 1 ? two_region_modes : 0, end = regions == 1 ? mode_count : two_region_modes;
-  Regions r;
-  if constexpr (regions == 2) r = regions_of(partition);
-  Lane place[16], least = most;
-  project<regions>(s.levels, r, principal_axes<regions>(s.levels, r), 0, place);
-  for (int start = 0; start < depth.spans + (depth.other_lines ? other_lines(regions) : 0); ++start) {
-    const int other = start - depth.spans;
-    if (other >= 0) project_other<regions>(s, r, other, place);
-    const auto& [from, to] = spans[other >= 0 ? 0 : start];
-    constexpr double last = regions == 1 ? 15 : 7;
-    Lane index[16];
-    for (int k = 0; k < 16; ++k) index[k] = round((place[k] * (to - from) + from) * last);
+class Trial {
+ public:
+  HWY_ATTR HWY_INLINE Trial(const Search& search, Lane partition) : s_(search), partition_(partition) {
+    if constexpr (regions == 2) r_ = regions_of(partition);
+    for (Lane& index : parts_index_) index = 0.0;
+  }
+
+  // Returns the least error.
+  HWY_ATTR HWY_NOINLINE Lane run(const Depth& depth, Candidate& best) {
+    depth_ = depth;
+    Lane whole[16], index[16];
+    project<regions>(s_.levels, r_, principal_axes<regions>(s_.levels, r_), 0, whole);
+    for (int span = 0; span < depth.spans; ++span) {
+      for (int k = 0; k < 16; ++k) index[k] = index_at<regions>(whole[k], span);
+      try_indices(index, depth.modes, best);
+    }
+    for (int line = 0; depth.other_lines && line < other_lines(regions); ++line) {
+      project_other<regions>(s_, r_, line, index);
+      for (int k = 0; k < 16; ++k) index[k] = index_at<regions>(index[k], 0);
+      try_indices(index, depth.modes, best);
+    }
+    if constexpr (regions == 2) {
+      if (depth.spans > 1) try_indices(parts_index_, depth.modes, best);
+      for (int round = 0; round < depth.exchanges; ++round) exchange(whole, best);
+    }
+    return least_;
+  }
+
+ private:
+  // In the modes whose rounding suits these indices.
+  HWY_ATTR HWY_NOINLINE void try_indices(const Lane index[16], int modes, Candidate& best) {
+    constexpr int first = regions == 1 ? two_region_modes : 0, end = regions == 1 ? mode_count : two_region_modes;
     Fit ends[regions][3];
-    least_squares<regions, false>(s.target, r, nullptr, nullptr, index, ends);
-    Least<mode_count> ranking(std::min(depth.modes, end - first_mode));
+    least_squares<regions, false>(s_.target, r_, nullptr, nullptr, index, ends);
+    Least<mode_count> ranking(std::min(modes, end - first));
     Candidate a;
-    for (int mode = first_mode; mode < end; ++mode)
+    for (int mode = first; mode < end; ++mode)
       ranking.offer(round_ends<regions, 1>(ends, format_of(mode), a.ends), mode);
     for (int i = 0; i < ranking.n; ++i) {
       const Format f = format_of(ranking.id[i]);
       a.mode = f.mode;
-      a.partition = partition;
+      a.partition = partition_;
       round_ends<regions, 2>(ends, f, a.ends);
       for (int round = 0;; ++round) {
-        evaluate<regions>(s.target, r, f, a);
-        least = min(least, a.error);
+        const Lane second = evaluate<regions>(s_.target, r_, f, a);
+        least_ = min(least_, a.error);
         keep_better<regions>(a, best);
-        if (round == depth.refinements) break;
+        if constexpr (regions == 2) keep_parts(a, second);
+        if (round == depth_.refinements) break;
         Fit fit[regions][3];
-        least_squares<regions, true>(s.target, r, &f, &a, a.index, fit);
+        least_squares<regions, true>(s_.target, r_, &f, &a, a.index, fit);
         round_ends<regions, 2>(fit, f, a.ends);
       }
     }
   }
-  return least;
-}
+
+  // What each region did best with, whatever the other one did.
+  HWY_ATTR HWY_INLINE void keep_parts(const Candidate& a, Lane error_of_second) {
+    const Lane errors[2] = {a.error - error_of_second, error_of_second};
+    const LaneMask better[2] = {errors[0] < parts_error_[0], errors[1] < parts_error_[1]};
+    for (int g = 0; g < 2; ++g) parts_error_[g] = min(parts_error_[g], errors[g]);
+    for (int k = 0; k < 16; ++k) {
+      parts_index_[k] = select(r_.second[k], select(better[1], a.index[k], parts_index_[k]),
+                               select(better[0], a.index[k], parts_index_[k]));
+    }
+  }
+
+  // One region from all parts of its line, the other one as it did best.
+  HWY_ATTR HWY_NOINLINE void exchange(const Lane whole[16], Candidate& best) {
+    for (int g = 0; g < 2; ++g) {
+      Lane other[16], index[16];
+      for (int k = 0; k < 16; ++k) other[k] = parts_index_[k];
+      for (const auto& [from, to] : exchange_spans) {
+        for (int k = 0; k < 16; ++k) {
+          const Lane here = round(whole[k] * (to - from) + from);
+          index[k] = by_region<regions>(r_, k, g == 0 ? here : other[k], g == 1 ? here : other[k]);
+        }
+        try_indices(index, 1, best);
+      }
+    }
+    try_indices(parts_index_, 1, best);
+  }
+
+  const Search& s_;
+  Lane partition_;
+  Depth depth_{};
+  Regions r_;
+  Lane least_ = most;
+  Lane parts_error_[2] = {most, most}, parts_index_[16];
+};
 
 // The diagonals of the texels' bounding box, both ways: the simplest encoding, which no block is to be worse than.
 HWY_NOINLINE void try_box(const Search& s, Candidate& best) {
@@ -288,53 +374,122 @@ HWY_NOINLINE void try_box(const Search& s, Candidate& best) {
   }
 }
 
-// Steps of end points, as long as they help: each number on its own, a region's two of a channel together and against
-// each other, an end point as a whole.
+// Steps of one channel of one region's line: both end points at once, up to `reach` either way, indices chosen anew.
+// The other channels' errors stay what they are, so a step costs a fraction of an evaluation.
+template <int regions>
+HWY_NOINLINE void step_channel(const Target& t, const Regions& r, const Format& f, int region, int channel, int reach,
+                               Candidate& a) {
+  constexpr int count = regions == 1 ? 16 : 8;
+  Lane rest[16][count], palette[count];
+  for (int k = 0; k < 16; ++k)
+    for (int i = 0; i < count; ++i) rest[k][i] = 0.0;
+  Lane(&ends)[4][3] = a.ends;
+  for (int c = 0; c < 3; ++c) {
+    if (c == channel) continue;
+    palette_of<regions>(f, ends[2 * region][c], ends[2 * region + 1][c], palette);
+    for (int k = 0; k < 16; ++k)
+      for (int i = 0; i < count; ++i) {
+        const Lane e = palette[i] - t.level[k][c];
+        rest[k][i] = rest[k][i] + e * e;
+      }
+  }
+  for (int k = 0; k < 16; ++k)
+    for (int i = count / 2; i < count; ++i) rest[k][i] = forbid_at_anchor<regions>(r, k, rest[k][i]);
+  const Lane first = ends[2 * region][channel], second = ends[2 * region + 1][channel];
+  const auto error_of = [&](Lane p, Lane q) HWY_ATTR {
+    palette_of<regions>(f, p, q, palette);
+    Lane sum = 0.0;
+    for (int k = 0; k < 16; ++k) {
+      Lane least = most;
+      for (int i = 0; i < (k == 0 ? count / 2 : count); ++i) {
+        const Lane e = palette[i] - t.level[k][channel];
+        least = min(least, rest[k][i] + e * e);
+      }
+      sum = sum + by_region<regions>(r, k, region == 0 ? least * t.emphasis[k] : 0.0,
+                                     region == 1 ? least * t.emphasis[k] : 0.0);
+    }
+    return sum;
+  };
+  Lane least = error_of(first, second);
+  for (int i = -reach; i <= reach; ++i)
+    for (int j = -reach; j <= reach; ++j) {
+      if (i == 0 && j == 0) continue;
+      const Lane p = first + i, q = second + j;
+      LaneMask valid = (p >= 0.0) & (p <= f.top) & (q >= 0.0) & (q <= f.top);
+      const Lane base = region == 0 ? p : ends[0][channel];
+      const auto reaches = [&](Lane end)
+                               HWY_ATTR { return (end >= base + f.low[channel]) & (end <= base + f.high[channel]); };
+      valid = valid & reaches(q);
+      if (region == 1) valid = valid & reaches(p);
+      if (region == 0 && regions == 2) valid = valid & reaches(ends[2][channel]) & reaches(ends[3][channel]);
+      const Lane error = select(valid, error_of(p, q), most);
+      const LaneMask better = error < least;
+      least = min(error, least);
+      ends[2 * region][channel] = select(better, p, ends[2 * region][channel]);
+      ends[2 * region + 1][channel] = select(better, q, ends[2 * region + 1][channel]);
+    }
+}
+
+// Whether a candidate's end points are what its mode can hold.
+template <int regions>
+HWY_INLINE LaneMask holds(const Format& f, const Candidate& a) {
+  LaneMask valid = f.top >= 0.0;
+  for (int e = 0; e < 2 * regions; ++e)
+    for (int c = 0; c < 3; ++c) {
+      const Lane q = a.ends[e][c], first = a.ends[0][c];
+      valid = valid & (q >= 0.0) & (q <= f.top);
+      if (e > 0) valid = valid & (q >= first + f.low[c]) & (q <= first + f.high[c]);
+    }
+  return valid;
+}
+
+// Steps of end points, as long as they help: a channel's two of a region, then an end point or a line as a whole.
 template <int regions>
 HWY_NOINLINE void polish(const Search& s, const Settings& settings, Candidate& best) {
-  constexpr int count = 2 * regions;
   Regions r;
   if constexpr (regions == 2) r = regions_of(best.partition);
   const Format f = format_of(best.mode);
-  const auto attempt = [&](const double(&move)[4][3], int step) HWY_ATTR {
-    Candidate a = best;
-    LaneMask valid = best.error <= most;
-    for (int e = 0; e < count; ++e)
-      for (int c = 0; c < 3; ++c) {
-        const Lane q = a.ends[e][c] + move[e][c] * step, first = a.ends[0][c];
-        a.ends[e][c] = q;
-        valid = valid & (q >= 0.0) & (q <= f.top);
-        if (e > 0) valid = valid & (q >= first + f.low[c]) & (q <= first + f.high[c]);
-      }
+  const auto attempt = [&](Candidate a) HWY_ATTR {
+    const LaneMask valid = holds<regions>(f, a) & (best.error < most);
     evaluate<regions>(s.target, r, f, a);
     a.error = select(valid, a.error, most);
     keep_better<regions>(a, best);
   };
-  const auto both_ways = [&](const double(&move)[4][3], int step) HWY_ATTR {
-    attempt(move, step);
-    attempt(move, -step);
+  const auto shifted = [&](int first, int last, int step) HWY_ATTR {
+    Candidate a = best;
+    for (int e = first; e <= last; ++e)
+      for (Lane& q : a.ends[e]) q = q + step;
+    return a;
   };
   for (int round = 0; round < settings.polish; ++round) {
     const Lane before = best.error;
-    for (int step = settings.reach; step > 0; step /= 2)
-      for (int e = 0; e < count; ++e) {
-        double whole[4][3] = {};
-        for (int c = 0; c < 3; ++c) {
-          double one[4][3] = {};
-          one[e][c] = whole[e][c] = 1;
-          both_ways(one, step);
-          one[e ^ 1][c] = e & 1 ? 1 : -1;  // the region's other end point
-          both_ways(one, step);
-        }
-        both_ways(whole, step);
+    Candidate a = best;
+    for (int g = 0; g < regions; ++g)
+      for (int c = 0; c < 3; ++c) step_channel<regions>(s.target, r, f, g, c, settings.reach, a);
+    attempt(a);
+    for (int g = 0; g < regions; ++g)
+      for (const int step : {-1, 1}) {
+        attempt(shifted(2 * g, 2 * g, step));
+        attempt(shifted(2 * g + 1, 2 * g + 1, step));
+        attempt(shifted(2 * g, 2 * g + 1, step));
       }
+    for (int e = 0; s.target.balanced && e < 2 * regions;
+         ++e)  // single steps, which the first ones chose by texels alone
+      for (int c = 0; c < 3; ++c)
+        for (const int step : {-2, -1, 1, 2}) {
+          Candidate b = best;
+          b.ends[e][c] = b.ends[e][c] + step;
+          attempt(b);
+        }
     if (hn::AllFalse(LaneTag(), (best.error < before).m)) break;
   }
 }
 
-HWY_INLINE void store(const Candidate& a, int n, Block* blocks) {
+HWY_INLINE void store(const Candidate& a, int n, Block* blocks, float* errors) {
   const LaneTag tag;
   alignas(64) float values[hn::MaxLanes(tag)];
+  hn::Store(a.error.v, tag, values);
+  std::copy_n(values, n, errors);
   const auto each = [&](Lane lane, auto set) HWY_ATTR {
     hn::Store(lane.v, tag, values);
     for (int i = 0; i < n; ++i) set(blocks[i], static_cast<int>(values[i]));
@@ -347,8 +502,10 @@ HWY_INLINE void store(const Candidate& a, int n, Block* blocks) {
     each(a.index[k], [=](Block& b, int value) { b.index[k] = static_cast<std::uint8_t>(value); });
 }
 
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks) {
+void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors) {
   const int lanes = static_cast<int>(hn::Lanes(LaneTag()));
+  const Depth depth{settings.spans, settings.modes, settings.refinements, settings.exchanges, settings.other_lines};
+  const Depth first_look{settings.first_spans, 1, 0};
   for (int first = 0; first < n; first += lanes) {
     Search s;
     load(texels, first, s.target);
@@ -357,18 +514,22 @@ void search(const Texels& texels, int n, const Settings& settings, Block* blocks
     Candidate one, two;
     clear(one);
     clear(two);
-    const Depth depth{settings.spans, settings.modes, settings.refinements, settings.other_lines};
     try_box(s, one);
-    try_partition<1>(s, 0.0, depth, one);
+    Trial<1>(s, 0.0).run(depth, one);
+    polish<1>(s, settings, one);
     Least<partition_count> likely(settings.partitions), survivors(settings.survivors);
     rank_partitions(s.levels, likely);
-    for (int i = 0; i < likely.n; ++i)
-      survivors.offer(try_partition<2>(s, likely.id[i], {1, 1, 0, false}, two), likely.id[i]);
-    for (int i = 0; i < survivors.n; ++i) try_partition<2>(s, survivors.id[i], depth, two);
-    polish<1>(s, settings, one);
-    polish<2>(s, settings, two);
+    for (int i = 0; i < likely.n; ++i) survivors.offer(Trial<2>(s, likely.id[i]).run(first_look, two), likely.id[i]);
+    for (int i = 0; i < survivors.n; ++i) {
+      Candidate a;
+      clear(a);
+      Trial<2>(s, survivors.id[i]).run(depth, a);
+      if (settings.polish_all) polish<2>(s, settings, a);
+      keep_better<2>(a, two);
+    }
+    if (!settings.polish_all) polish<2>(s, settings, two);
     keep_better<2>(two, one);
-    store(one, std::min(lanes, n - first), blocks + first);
+    store(one, std::min(lanes, n - first), blocks + first, errors + first);
   }
 }
 
@@ -380,8 +541,8 @@ namespace envconv::bc6h {
 
 HWY_EXPORT(search);
 
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks) {
-  HWY_DYNAMIC_DISPATCH(search)(texels, n, settings, blocks);
+void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors) {
+  HWY_DYNAMIC_DISPATCH(search)(texels, n, settings, blocks, errors);
 }
 
 }  // namespace envconv::bc6h

@@ -13,23 +13,29 @@ inline constexpr int most_blocks = 64;
 /// Blocks as the lanes want them.
 struct Texels {
   alignas(64) float radiance[16][3][most_blocks];  ///< [texel][R, G, B][block]; any values, NaN included
+  /// What a channel's sum of radiance over a block adds to the error, by its distance from what it should be; or 0.
+  float price[3] = {0, 0, 0};
 };
 
-inline constexpr int most_spans = 10;
+inline constexpr int most_spans = 12;
 
-/// How far to search.  All counts are at least 1 unless 0 is named.
+/// How far to search.
 struct Settings {
-  int partitions;    ///< of the 32, tried in earnest: those with the least variance across their regions' axes
-  int survivors;     ///< of these, searched further
-  int spans;         ///< parts of a region's line that its texels are put on to start with, at most most_spans
-  int modes;         ///< tried for each of those starts
-  int refinements;   ///< rounds of least squares for each of those; may be 0
-  int polish;        ///< rounds of steps of the best block's end points; may be 0
-  int reach;         ///< the largest of those steps, a power of two
-  bool other_lines;  ///< starts from further lines through the texels
+  int partitions = 1;        ///< of the 32, tried in earnest: those with the least variance across their regions' axes
+  int first_spans = 1;       ///< parts of the regions' lines that texels are put on in these, at most most_spans
+  int survivors = 1;         ///< of these partitions, searched further
+  int spans = 1;             ///< as first_spans, for the survivors and for one region
+  int modes = 1;             ///< tried for each of those starts
+  int refinements = 1;       ///< rounds of least squares for each of those; may be 0
+  int exchanges = 0;         ///< rounds in which one region starts anew while the other one stays
+  bool other_lines = false;  ///< starts from further lines through the texels
+  int polish = 0;            ///< rounds of steps of the best block's end points
+  int reach = 1;             ///< the largest of those steps
+  bool polish_all = false;   ///< polish every survivor, not the best alone
 };
 
-/// blocks[n] = encodings of n blocks, n <= most_blocks.  All of `texels` has been set.
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks);
+/// blocks[n] = encodings of n blocks, n <= most_blocks, errors[n] their errors in the search's metric.  All of `texels`
+/// has been set.
+void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors);
 
 }  // namespace envconv::bc6h

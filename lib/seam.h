@@ -74,14 +74,16 @@ LookupScale lookup_scale(int n, Placement placement, int gutter);
 /// Seam errors, relative to the map's mean radiance.
 struct SeamError {
   double largest = 0, rms = 0;                ///< between both sides' reconstructions, over points along all seams
-  double inside_largest = 0, inside_rms = 0;  ///< over steps of one texel inside faces
+  double inside_largest = 0, inside_rms = 0;  ///< over steps as long inside faces
   std::int64_t points = 0;                    ///< along seams
 };
 /// Compares, at points along every seam, the clamped bilinear reconstructions of its two sides (the largest difference
-/// among channels of radiance), beside steps of one texel inside faces, which is how far the two sides' texels are
-/// apart at an edge; inside is every texel of which the layout owns a part.  Seams are the edges of faces, as far as
-/// the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces with
-/// gutters of so many texels, or empty.
+/// among channels of radiance), beside steps of equal length inside faces: the length is the angle between the nearest
+/// texels of the two sides, its root mean square along all seams, and steps are of as many texels along a row or a
+/// column as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is
+/// one direction, it is many.  Inside is every texel of which the layout owns a part.  Seams are the edges of faces, as
+/// far as the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces
+/// with gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv

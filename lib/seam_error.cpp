@@ -45,8 +45,9 @@ class Measure {
     for (int f = 0; f < layout_.face_count(); ++f) {
       for (int side = 0; side < 4; ++side) add_edge(f, side, seams);
       if (layout_.info().domain != Domain::square) add_curves(f, seams);
-      add_inside(f, inside);
     }
+    const double length = steps_ > 0 ? std::sqrt(squared_lengths_ / steps_) : 0;
+    for (int f = 0; f < layout_.face_count(); ++f) add_inside(f, length, inside);
     const SphereMean mean = sphere_mean(image_);
     double brightness = 0;
     int colours = 0;
@@ -91,6 +92,25 @@ class Measure {
     return at;
   }
 
+  // Where the texel looks that is nearest to a point of a seam, of those whose centres the layout owns.
+  Vec3 nearest_texel(const Location& at) const {
+    const Size size = size_of(at.face);
+    const double x = texel_from_u(at.u, size.width, image_.placement),
+                 y = texel_from_u(at.v, size.height, image_.placement);
+    const int i = static_cast<int>(std::lround(x)), j = static_cast<int>(std::lround(y));
+    Vec3 nearest = layout_.direction(at.face, at.u, at.v);
+    double least = HUGE_VAL;
+    for (int b = std::max(0, j - 1); b <= std::min(size.height - 1, j + 1); ++b)
+      for (int a = std::max(0, i - 1); a <= std::min(size.width - 1, i + 1); ++a) {
+        const double u = u_from_texel(a, size.width, image_.placement),
+                     v = u_from_texel(b, size.height, image_.placement);
+        const double distance = (a - x) * (a - x) + (b - y) * (b - y);
+        if (distance < least && layout_.owns(at.face, u, v))
+          least = distance, nearest = layout_.direction(at.face, u, v);
+      }
+    return nearest;
+  }
+
   // Both sides' reconstructions at a point of a face's edge of ownership; `out`: a point just beyond it.
   void add_point(const Location& on, Vec3 out, Tally& tally) {
     const Vec3 d = layout_.direction(on.face, on.u, on.v);
@@ -101,6 +121,9 @@ class Measure {
     read(on, a_.data());
     read(other, b_.data());
     tally.add(difference(a_.data(), b_.data()));
+    const Vec3 step = nearest_texel(on) - nearest_texel(other);
+    squared_lengths_ += dot(step, step);
+    ++steps_;
   }
 
   void add_edge(int f, int side, Tally& tally) {
@@ -162,8 +185,8 @@ class Measure {
            owns(x + corner, y + corner);
   }
 
-  // Neighbouring texels.
-  void add_inside(int f, Tally& tally) const {
+  // Texels of one row or column so far apart on the sphere, to within a texel, and neighbours at least.
+  void add_inside(int f, double length, Tally& tally) const {
     const Size size = size_of(f);
     const Image& face = image_.faces[static_cast<std::size_t>(f)];
     const bool whole = layout_.info().domain == Domain::square;
@@ -172,10 +195,21 @@ class Measure {
       const auto channels = static_cast<std::size_t>(face.channels());
       std::vector<double> a(channels), b(channels);
       const auto counts = [&](int x, int j) { return whole || holds_radiance(f, x, j); };
+      const auto direction = [&](int x, int j) {
+        return layout_.direction(f, u_from_texel(x, size.width, image_.placement),
+                                 u_from_texel(j, size.height, image_.placement));
+      };
       for (int x = 0; x < size.width; ++x) {
         if (!counts(x, y)) continue;
         std::copy_n(face.at(x, y), channels, a.begin());
-        for (const auto& [i, j] : {std::pair{x + 1, y}, {x, y + 1}}) {
+        const Vec3 d = direction(x, y);
+        for (const auto& [right, down] : {std::pair{1, 0}, {0, 1}}) {
+          if (x + right >= size.width || y + down >= size.height) continue;
+          const Vec3 step = direction(x + right, y + down) - d;
+          // The texels of a pole's row look the same way.
+          const double texel = std::sqrt(dot(step, step)), farthest = size.width + size.height;
+          const int n = texel > 0 ? static_cast<int>(std::lround(std::clamp(length / texel, 1.0, farthest))) : 1;
+          const int i = x + n * right, j = y + n * down;
           if (i >= size.width || j >= size.height || !counts(i, j)) continue;
           std::copy_n(face.at(i, j), channels, b.begin());
           rows[static_cast<std::size_t>(y)].add(difference(a.data(), b.data()));
@@ -190,6 +224,8 @@ class Measure {
   const std::vector<Image>& faces_;
   int gutter_;
   std::vector<double> a_, b_;
+  double squared_lengths_ = 0;  // of the steps between both sides' texels along seams
+  std::int64_t steps_ = 0;
 };
 
 }  // namespace

@@ -235,7 +235,7 @@ void read_beyond(const std::vector<Cut>& cuts, const std::vector<Image>& grown, 
 // centre the rim passes owns what is up to e = sqrt(8/N) away, 2/3 of that on average, and reconstruction shows there
 // this texel and no other; its opposite does the same on the other side.  Left alone, the two sides would differ by
 // radiance (4/3) sqrt(8/N) apart, 27 degrees for N = 64; made whole, each holds half of the other.  What is left still
-// falls as the root of N only, where steps inside the face fall as N.
+// falls as the root of N only, as steps so long do inside the face, while steps of one texel fall as N.
 void complete_cut_texels(const std::vector<Image>& faces, const std::vector<Cut>& cuts, int texels,
                          std::vector<Image>& grown) {
   constexpr int most_passes = 64;

@@ -272,8 +272,8 @@ TEST(Bc6hEncoder, EveryModeIsChosen) {
 }
 
 // The simplest encoder there is: the 10-bit mode from corner to corner of the bounding box, along the diagonal that
-// follows green.
-double simple_error(const HalfTexels& texels) {
+// follows green.  What it makes of a block.
+HalfTexels simple_encoding(const HalfTexels& texels) {
   Block block{};
   block.mode = 10;
   std::array<int, 3> low, high;
@@ -290,21 +290,32 @@ double simple_error(const HalfTexels& texels) {
     block.ends[0][c] = low[c] * 64 / 31 >> 6;
     block.ends[1][c] = high[c] * 64 / 31 >> 6;
   }
-  double sum = 0;
-  for (const auto& texel : texels) {
+  HalfTexels best{};
+  for (std::size_t k = 0; k < 16; ++k) {
     double least = HUGE_VAL;
     for (int i = 0; i < 16; ++i) {
       double error = 0;
+      std::array<std::uint16_t, 3> now;
       for (std::size_t c = 0; c < 3; ++c) {
         const int u = bc6h::interpolate(bc6h::unquantize(block.ends[0][c], 10), bc6h::unquantize(block.ends[1][c], 10),
                                         bc6h::weight(1, i));
-        error += std::pow(test::log_levels()[at(bc6h::to_half_bits(u))] - test::log_levels()[texel[c]], 2);
+        now[c] = static_cast<std::uint16_t>(bc6h::to_half_bits(u));
+        error += std::pow(test::log_levels()[now[c]] - test::log_levels()[texels[k][c]], 2);
       }
-      least = std::min(least, error);
+      if (error < least) least = error, best[k] = now;
     }
-    sum += least;
   }
-  return sum;
+  return best;
+}
+// How far channels' sums of radiance are apart.
+double sum_error(const HalfTexels& a, const HalfTexels& b) {
+  double error = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    double difference = 0;
+    for (std::size_t k = 0; k < 16; ++k) difference += half_value(a[k][c]) - half_value(b[k][c]);
+    error += std::abs(difference);
+  }
+  return error;
 }
 
 Image panorama(const std::string& name) {
@@ -315,16 +326,22 @@ Image panorama(const std::string& name) {
   }
   return std::move(file->pictures[0].image);
 }
-// Every `stride`-th block.
+HalfTexels block_of(const Image& image, int number) {
+  const int columns = image.width() / 4, x = 4 * (number % columns), y = 4 * (number / columns);
+  HalfTexels texels;
+  for (int k = 0; k < 16; ++k)
+    for (int c = 0; c < 3; ++c) texels[at(k)][at(c)] = half_bits(image.at(x + k % 4, y + k / 4)[c]);
+  return texels;
+}
+// Numbers of every `stride`-th block.
+std::vector<int> every(const Image& image, int stride) {
+  std::vector<int> numbers;
+  for (int i = stride / 2; i < image.width() / 4 * (image.height() / 4); i += stride) numbers.push_back(i);
+  return numbers;
+}
 std::vector<HalfTexels> sample(const Image& image, int stride) {
   std::vector<HalfTexels> blocks;
-  const int columns = image.width() / 4;
-  for (int i = stride / 2; i < columns * (image.height() / 4); i += stride) {
-    HalfTexels& texels = blocks.emplace_back();
-    for (int k = 0; k < 16; ++k)
-      for (int c = 0; c < 3; ++c)
-        texels[at(k)][at(c)] = half_bits(image.at(4 * (i % columns) + k % 4, 4 * (i / columns) + k / 4)[c]);
-  }
+  for (const int number : every(image, stride)) blocks.push_back(block_of(image, number));
   return blocks;
 }
 
@@ -339,59 +356,58 @@ TEST(Bc6hEncoder, NeverWorseThanTheSimplest) {
   }
   for (const Bc6hEffort effort : {Bc6hEffort::fast, Bc6hEffort::normal}) {
     const std::vector<Block> blocks = encode_blocks(texels, effort);
-    // The encoder's logarithm is good to 0.01 octaves.
-    for (std::size_t i = 0; i < blocks.size(); ++i)
-      ASSERT_LE(block_error(bc6h::decode(blocks[i], false), texels[i]), 1.03 * simple_error(texels[i]) + 1e-6) << i;
+    // In the logarithm, which the encoder has to 0.01 octaves, or else in the sum.
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      const HalfTexels got = bc6h::decode(blocks[i], false), simple = simple_encoding(texels[i]);
+      if (sum_error(got, texels[i]) < sum_error(simple, texels[i])) continue;
+      ASSERT_LE(block_error(got, texels[i]), 1.03 * block_error(simple, texels[i]) + 1e-6) << i;
+    }
   }
 }
 
-// Of one panorama: how far efforts are from the exhaustive search, in dB.
-struct Loss {
-  double fast = 0, normal = 0;
-};
-Loss loss(const std::vector<HalfTexels>& texels) {
-  double least = 0;
-  for (const HalfTexels& block : texels) {
-    const test::ExhaustiveSearch search(block);
-    EXPECT_NEAR(block_error(bc6h::decode(search.block(), false), block), search.error(), 1e-3 * search.error() + 1e-5);
+// How far an encoding of an image is from the exhaustive search in some of its blocks, in dB.
+double loss(const Image& image, const Bytes& bytes, const std::vector<int>& numbers) {
+  double least = 0, sum = 0;
+  for (const int number : numbers) {
+    const HalfTexels texels = block_of(image, number);
+    const test::ExhaustiveSearch search(texels);
+    EXPECT_NEAR(block_error(bc6h::decode(search.block(), false), texels), search.error(), 1e-3 * search.error() + 1e-5);
     least += search.error();
+    Block block;
+    EXPECT_TRUE(bc6h::unpack(&bytes[16 * at(number)], false, block));
+    sum += block_error(bc6h::decode(block, false), texels);
   }
-  const auto db = [&](Bc6hEffort effort) {
-    const std::vector<Block> blocks = encode_blocks(texels, effort);
-    double sum = 0;
-    for (std::size_t i = 0; i < blocks.size(); ++i) sum += block_error(bc6h::decode(blocks[i], false), texels[i]);
-    return 10 * std::log10(sum / least);
-  };
-  return {db(Bc6hEffort::fast), db(Bc6hEffort::normal)};
+  return 10 * std::log10(sum / least);
 }
 
-// The blocks of a square of 16x16 texels.
-std::vector<HalfTexels> crop(const Image& image, int left, int top) {
-  Image square(16, 16, 3);
-  for (int y = 0; y < 16; ++y)
-    for (int x = 0; x < 16; ++x) std::copy_n(image.at(left + x, top + y), 3, square.at(x, y));
-  return sample(square, 1);
+// Numbers of the blocks of a square of 16x16 texels.
+std::vector<int> square(const Image& image, int left, int top) {
+  std::vector<int> numbers;
+  for (int k = 0; k < 16; ++k) numbers.push_back((top / 4 + k / 4) * (image.width() / 4) + left / 4 + k % 4);
+  return numbers;
 }
 
+// Where a search with the same effort everywhere loses most, 0.7 to 3.5 dB: a block or two that hold most of a crop's
+// error, edges that no partition follows, clusters that end points of few bits hit by luck.
 struct Panorama {
   const char* name;
-  int left, top;  // of a crop with an edge against the sky, or lamps
+  std::vector<std::pair<int, int>> crops;
 };
 class Bc6hQuality : public testing::TestWithParam<Panorama> {};
 TEST_P(Bc6hQuality, IsNearTheBestThereIs) {
   const Image image = panorama(GetParam().name);
-  for (const auto& texels : {sample(image, 2000), crop(image, GetParam().left, GetParam().top)}) {
-    const Loss db = loss(texels);
-    EXPECT_LT(db.normal, 0.5) << texels.size();
-    EXPECT_LT(db.fast, 1.5) << texels.size();
-  }
+  const Bytes fast = encode(image, Bc6hEffort::fast, 2), normal = encode(image, Bc6hEffort::normal, 2);
+  const std::vector<int> some = every(image, 4000);
+  EXPECT_LT(loss(image, normal, some), 0.25);
+  EXPECT_LT(loss(image, fast, some), 0.5);
+  for (const auto& [left, top] : GetParam().crops)
+    EXPECT_LT(loss(image, normal, square(image, left, top)), 0.5) << left << ',' << top;
 }
-INSTANTIATE_TEST_SUITE_P(, Bc6hQuality,
-                         testing::Values(Panorama{"venice.hdr", 408, 280}, Panorama{"city.exr", 996, 128},
-                                         Panorama{"courtyard.exr", 408, 288}, Panorama{"interior.exr", 996, 128}),
-                         [](const auto& info) {
-                           return std::string(info.param.name, std::strcspn(info.param.name, "."));
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    , Bc6hQuality,
+    testing::Values(Panorama{"venice.hdr", {{328, 264}}}, Panorama{"city.exr", {{768, 284}, {268, 332}}},
+                    Panorama{"courtyard.exr", {{296, 252}}}, Panorama{"interior.exr", {{376, 496}, {244, 96}}}),
+    [](const auto& info) { return std::string(info.param.name, std::strcspn(info.param.name, ".")); });
 
 TEST(Bc6hEncoder, MoreEffortIsNoWorse) {
   const std::vector<HalfTexels> texels = sample(panorama("courtyard.exr"), 37);
@@ -426,18 +442,21 @@ TEST(Bc6hEncoder, SunAmongTheSky) {
     }
 }
 
-// What lights a scene is often a few texels in blocks that are hard to encode.
+// What lights a scene is often a few texels in blocks that are hard to encode: without regard to it 3.6 percent were
+// gained in city's green, and 1.7 lost in interior's.
 TEST(Bc6hEncoder, MeanRadianceStays) {
-  for (const char* name : {"city.exr", "interior.exr"}) {
+  for (const char* name : {"city.exr", "interior.exr", "venice.hdr"}) {
     const Image image = panorama(name);
-    const std::vector<float> rgb = round_trip(image, Bc6hEffort::normal);
-    for (std::size_t c = 0; c < 3; ++c) {
-      double before = 0, after = 0;
-      for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-        before += std::clamp(image.data()[i * at(image.channels()) + c], 0.f, 65504.f);
-        after += rgb[3 * i + c];
+    for (const Bc6hEffort effort : {Bc6hEffort::fast, Bc6hEffort::normal}) {
+      const std::vector<float> rgb = round_trip(image, effort);
+      for (std::size_t c = 0; c < 3; ++c) {
+        double before = 0, after = 0;
+        for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+          before += std::clamp(image.data()[i * at(image.channels()) + c], 0.f, 65504.f);
+          after += rgb[3 * i + c];
+        }
+        EXPECT_NEAR(after / before, 1, 0.005) << name << " channel " << c;
       }
-      EXPECT_NEAR(after / before, 1, 0.05) << name << " channel " << c;
     }
   }
 }

@@ -245,7 +245,7 @@ std::string text_of(const std::string& name, const Facts& f) {
     if (f.seams) {
       line("seam error", number_text(f.seams->largest, 4) + " at most, " + number_text(f.seams->rms, 4) +
                              " rms, of the mean; inside faces " + number_text(f.seams->inside_largest, 4) + " and " +
-                             number_text(f.seams->inside_rms, 4) + " over a texel");
+                             number_text(f.seams->inside_rms, 4) + " over steps as long");
     }
   } else if (!f.candidates.empty()) {
     const std::vector<std::string_view> names(f.candidates.begin(), f.candidates.end());
