@@ -223,7 +223,7 @@ class ExrDecoder final : public Decoder {
     const Part& part = parts_[static_cast<std::size_t>(picture)];
     const PictureSpec& target = spec_.pictures[static_cast<std::size_t>(picture)];
     try {
-      if (first == 0 && !file_->partComplete(picture)) return bad_input("truncated or damaged: it was never finished");
+      ENVCONV_CHECK(check_once());
       auto* base = static_cast<float*>(pixels);
       const std::optional<ChunkGrid> chunks = chunks_of(picture);
       if (chunks) {
@@ -299,6 +299,38 @@ class ExrDecoder final : public Decoder {
       return true;
     }
   };
+
+  // All of the file must be there, whatever is read of it.
+  Result<Ok> check_once() {
+    if (checked_) return Ok{};
+    std::vector<PartChunks> chunks;
+    for (int i = 0; i < file_->parts(); ++i) chunks.push_back(chunks_of_part(file_->header(i)));
+    ENVCONV_CHECK(check_chunks(fd_, size_, tables_, chunks));
+    checked_ = true;
+    return Ok{};
+  }
+
+  static PartChunks chunks_of_part(const Imf::Header& header) {
+    const Window data(header.dataWindow());
+    if (!header.hasTileDescription()) {
+      const std::int64_t lines = chunk_lines(header.compression());
+      return {static_cast<std::uint64_t>((data.height() + lines - 1) / lines), false};
+    }
+    const Imf::TileDescription& tiles = header.tileDescription();
+    const bool apart = tiles.mode == Imf::RIPMAP_LEVELS;
+    PartChunks part{0, true};
+    const auto add = [&](int x, int y) {
+      const BlockGrid grid{reduced(data.width(), x, tiles.roundingMode), reduced(data.height(), y, tiles.roundingMode),
+                           tiles.xSize, tiles.ySize};
+      part.count += static_cast<std::uint64_t>(grid.count());
+    };
+    const int levels = level_count(tiles, data.width(), apart ? data.width() : data.height());
+    const int down = apart ? level_count(tiles, data.height(), data.height()) : 1;
+    for (int y = 0; y < down; ++y) {
+      for (int x = 0; x < levels; ++x) add(x, apart ? y : x);
+    }
+    return part;
+  }
 
   // Whole tiles, or whole blocks of lines from the data window's first on; and several for each thread.
   int band_of(const PictureSpec& picture, const Part& part, const Imf::Header& header) const {
@@ -464,6 +496,7 @@ class ExrDecoder final : public Decoder {
   FileStream stream_;
   std::uint64_t size_, tables_ = 0;
   int threads_ = 0;
+  bool checked_ = false;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   FileSpec spec_;
   std::vector<Part> parts_;

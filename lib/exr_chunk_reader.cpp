@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "exr_chunk_reader.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
 #include <bit>
-#include <cerrno>
 #include <cstring>
 #include <limits>
 #include <mutex>
@@ -19,26 +16,13 @@
 
 #include "decoder.h"
 #include "exr_zip.h"
+#include "file_bytes.h"
 #include "row_kernels.h"
 
 namespace envconv {
 namespace {
 
 static_assert(std::endian::native == std::endian::little);  // as the file
-
-Error damaged(const std::string& what) { return {ErrorCode::input, "truncated or damaged: " + what}; }
-
-Result<Ok> read_at(int fd, std::uint64_t position, std::span<std::uint8_t> to) {
-  while (!to.empty()) {
-    const ssize_t n = ::pread(fd, to.data(), to.size(), static_cast<off_t>(position));
-    if (n == 0) return damaged("unexpected end of file");
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return damaged(std::string("cannot be read: ") + std::strerror(errno));
-    to = to.subspan(static_cast<std::size_t>(n));
-    position += static_cast<std::uint64_t>(n);
-  }
-  return Ok{};
-}
 
 std::int32_t int_at(const std::uint8_t* bytes) {
   std::int32_t value;
@@ -53,13 +37,13 @@ class Cursor {
 
   std::uint64_t position() const { return position_; }
   Result<Ok> skip(std::uint64_t count) {
-    if (count > size_ - std::min(position_, size_)) return damaged("unexpected end of file");
+    if (count > size_ - std::min(position_, size_)) return damaged_file("unexpected end of file");
     position_ += count;
     return Ok{};
   }
   Result<std::uint8_t> byte() {
     if (position_ < start_ || position_ >= start_ + filled_) {
-      if (position_ >= size_) return damaged("unexpected end of file");
+      if (position_ >= size_) return damaged_file("unexpected end of file");
       start_ = position_;
       filled_ = std::min<std::uint64_t>(sizeof buffer_, size_ - position_);
       ENVCONV_CHECK(read_at(fd_, start_, std::span(buffer_).first(static_cast<std::size_t>(filled_))));
@@ -89,6 +73,9 @@ class Cursor {
 
 constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the version
 
+// Bytes before a chunk's pixels, of which the last four are their size.
+std::size_t head_size(bool multi_part, bool tiled) { return (multi_part ? 4u : 0u) + (tiled ? 20u : 8u); }
+
 std::uint64_t bytes_of_texel(const ChunkGrid& grid) {
   std::uint64_t bytes = 0;
   for (const ChunkChannel& channel : grid.channels) bytes += size_of(channel.type);
@@ -105,28 +92,26 @@ class ChunkReader {
     const ChunkBlock block = grid_.block(number);
     ENVCONV_TRY(const std::uint64_t size, read_head(block, offset));
     bytes_.resize(static_cast<std::size_t>(texel_) * block.texels());
-    const std::uint64_t begin = offset + static_cast<std::uint64_t>(head_size());
+    const std::uint64_t begin = offset + head_size(grid_.multi_part, grid_.tiled);
     // A chunk that would not get smaller is stored as it is.
     if (size == bytes_.size()) {
       ENVCONV_CHECK(read_at(grid_.fd, begin, bytes_));
     } else {
-      if (size > bytes_.size() || !grid_.deflated) return damaged("a chunk of another size than its pixels");
+      if (size > bytes_.size() || !grid_.deflated) return damaged_file("a chunk of another size than its pixels");
       packed_.resize(static_cast<std::size_t>(size));
       ENVCONV_CHECK(read_at(grid_.fd, begin, packed_));
-      if (!codec_.unpack(packed_, bytes_)) return damaged("a chunk that does not unpack to its size");
+      if (!codec_.unpack(packed_, bytes_)) return damaged_file("a chunk that does not unpack to its size");
     }
     place(block);
     return Ok{};
   }
 
  private:
-  std::size_t head_size() const { return (grid_.multi_part ? 4u : 0u) + (grid_.tiled ? 20u : 8u); }
-
   // Bytes of pixels that the chunk at that offset claims, once it is the one that is meant.
   Result<std::uint64_t> read_head(const ChunkBlock& block, std::uint64_t offset) {
     std::uint8_t head[24];
-    const std::size_t count = head_size();
-    if (offset < kFirstHeader || offset >= grid_.file_size) return damaged("a chunk outside of the file");
+    const std::size_t count = head_size(grid_.multi_part, grid_.tiled);
+    if (offset < kFirstHeader || offset >= grid_.file_size) return damaged_file("a chunk outside of the file");
     ENVCONV_CHECK(read_at(grid_.fd, offset, std::span(head).first(count)));
     const std::uint8_t* at = head;
     const auto next = [&at] { return int_at(std::exchange(at, at + 4)); };
@@ -139,9 +124,9 @@ class ChunkReader {
     } else {
       right = next() == grid_.top + block.y && right;
     }
-    if (!right) return damaged("a chunk that is not where the offset table says");
+    if (!right) return damaged_file("a chunk that is not where the offset table says");
     const std::int32_t size = next();
-    if (size < 0) return damaged("a chunk of negative size");
+    if (size < 0) return damaged_file("a chunk of negative size");
     return static_cast<std::uint64_t>(size);
   }
 
@@ -251,10 +236,38 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
       }
       ENVCONV_CHECK(cursor.text());
       ENVCONV_TRY(const std::int32_t size, cursor.integer());
-      if (size < 0) return damaged("an attribute of negative size");
+      if (size < 0) return damaged_file("an attribute of negative size");
       ENVCONV_CHECK(cursor.skip(static_cast<std::uint64_t>(size)));
     }
   }
+}
+
+Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, std::span<const PartChunks> parts) {
+  constexpr std::uint64_t most = 8192;  // offsets at a time
+  std::vector<std::uint64_t> offsets;
+  std::uint64_t last = 0;
+  bool last_tiled = false;
+  for (const PartChunks& part : parts) {
+    for (std::uint64_t left = part.count; left > 0; left -= offsets.size()) {
+      offsets.resize(static_cast<std::size_t>(std::min(left, most)));
+      ENVCONV_CHECK(read_at(fd, tables, {reinterpret_cast<std::uint8_t*>(offsets.data()), offsets.size() * 8}));
+      tables += offsets.size() * 8;
+      for (const std::uint64_t offset : offsets) {
+        if (offset == 0) return damaged_file("it was never finished");
+        if (offset < kFirstHeader || offset >= file_size) return damaged_file("a chunk outside of the file");
+        if (offset > last) last = offset, last_tiled = part.tiled;
+      }
+    }
+  }
+  if (last == 0) return damaged_file("it has no pixels");
+  // What comes after the one chunk would have been cut off first.
+  std::uint8_t head[24];
+  const std::size_t count = head_size(is_multi_part(fd), last_tiled);
+  ENVCONV_CHECK(read_at(fd, last, std::span(head).first(count)));
+  const std::int32_t size = int_at(head + count - 4);
+  if (size < 0 || static_cast<std::uint64_t>(size) > file_size - last - count)
+    return damaged_file("unexpected end of file");
+  return Ok{};
 }
 
 Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads) {
@@ -263,7 +276,7 @@ Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int thr
   const std::int64_t first = first_row * grid.columns(), end = end_row * grid.columns();
   std::vector<std::uint64_t> offsets(static_cast<std::size_t>(end - first));
   const std::uint64_t at = grid.table + static_cast<std::uint64_t>(first) * 8;
-  if (at > grid.file_size || (grid.file_size - at) / 8 < offsets.size()) return damaged("unexpected end of file");
+  if (at > grid.file_size || (grid.file_size - at) / 8 < offsets.size()) return damaged_file("unexpected end of file");
   ENVCONV_CHECK(read_at(grid.fd, at, {reinterpret_cast<std::uint8_t*>(offsets.data()), offsets.size() * 8}));
   Queue queue(first, end);
   const auto work = [&] {

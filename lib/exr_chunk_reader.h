@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "exr_chunks.h"
@@ -48,6 +49,16 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size);
 
 /// True when the file is of the kind whose chunks have part numbers.
 bool is_multi_part(int fd);
+
+/// The chunks of all levels of a part, as far as is needed to tell whether they are there.
+struct PartChunks {
+  std::uint64_t count = 0;
+  bool tiled = false;
+};
+
+/// Error: input, unless all chunks of all parts are in the file, from the offset tables that begin at `tables`: the
+/// pixels that are read may be whole where others of the file were cut off.
+Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, std::span<const PartChunks> parts);
 
 /// Reads the chunks that the picture lies in, with so many threads.  Error: input, for a file that does not have the
 /// chunks where and as the table says, the same whatever the number of threads.  May throw std::bad_alloc.

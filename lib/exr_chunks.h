@@ -38,7 +38,18 @@ inline bool is_zip(Imf::Compression compression) {
 inline bool chunks_are_ours(Imf::Compression compression) {
   return is_zip(compression) || compression == Imf::NO_COMPRESSION;
 }
-/// Lines of such a chunk.
-inline std::int64_t chunk_lines(Imf::Compression compression) { return compression == Imf::ZIP_COMPRESSION ? 16 : 1; }
+/// Lines of a chunk.
+inline std::int64_t chunk_lines(Imf::Compression compression) {
+  switch (compression) {
+    case Imf::ZIP_COMPRESSION:
+    case Imf::PXR24_COMPRESSION: return 16;
+    case Imf::PIZ_COMPRESSION:
+    case Imf::B44_COMPRESSION:
+    case Imf::B44A_COMPRESSION:
+    case Imf::DWAA_COMPRESSION: return 32;
+    case Imf::DWAB_COMPRESSION: return 256;
+    default: return 1;
+  }
+}
 
 }  // namespace envconv

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <climits>
 #include <cstdlib>
 #include <cstring>
@@ -16,7 +17,9 @@
 #include "color_encoding.h"
 #include "output_file.h"
 #include "png_color.h"
+#include "png_damage.h"
 #include "texture_file.h"
+#include "tiff_damage.h"
 
 namespace envconv {
 namespace {
@@ -103,12 +106,16 @@ Result<const EnvconvImageio*> load() {
 
 class ModuleDecoder final : public Decoder {
  public:
-  ModuleDecoder(const EnvconvImageio& module, void* handle, FileSpec spec)
-      : module_(module), handle_(handle), spec_(std::move(spec)) {}
+  /// The descriptor, of a file of that format, outlives it; `level` is what `handle` reads.
+  ModuleDecoder(const EnvconvImageio& module, void* handle, FileSpec spec, std::string format, int fd, int level)
+      : module_(module), handle_(handle), spec_(std::move(spec)), format_(std::move(format)), fd_(fd), level_(level) {}
   ~ModuleDecoder() override { module_.close(handle_); }
 
   const FileSpec& spec() const override { return spec_; }
   Result<Ok> decode(int, void* pixels) override {
+    // What the image library would pass over.
+    if (format_ == "png") ENVCONV_CHECK(check_png(fd_));
+    if (format_ == "tiff") ENVCONV_CHECK(check_tiff(fd_, level_));
     const PictureSpec& p = spec_.pictures.front();
     const std::size_t bytes = bytes_of_rows(p, p.height);
     char error[1024] = "";
@@ -120,6 +127,8 @@ class ModuleDecoder final : public Decoder {
   const EnvconvImageio& module_;
   void* handle_;
   FileSpec spec_;
+  std::string format_;
+  int fd_, level_;
 };
 
 std::string text_of(const char* text, std::size_t size) { return {text, ::strnlen(text, size)}; }
@@ -217,7 +226,8 @@ Result<std::unique_ptr<Decoder>> open_imageio(const std::string& format, int fd,
   spec.pictures.push_back(std::move(picture));
   spec.metadata["ImageDescription"] = text_of(raw->description, sizeof raw->description);
   close.handle = nullptr;
-  return std::unique_ptr<Decoder>(std::make_unique<ModuleDecoder>(*module, handle, std::move(spec)));
+  const int level = std::clamp(options.level, 0, std::max(spec.levels - 1, 0));
+  return std::unique_ptr<Decoder>(std::make_unique<ModuleDecoder>(*module, handle, std::move(spec), format, fd, level));
 }
 
 }  // namespace envconv

@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "texture_file.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <bit>
-#include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <optional>
+
+#include "file_bytes.h"
 
 namespace envconv {
 namespace {
@@ -121,9 +119,7 @@ Result<TextureShape> shape_of(std::span<const std::vector<Picture>> levels, bool
 }
 
 Error damaged_texture(const std::string& what) { return {ErrorCode::input, "damaged: " + what}; }
-Error truncated_texture() {
-  return {ErrorCode::input, "truncated or damaged: it ends before the last texel of its last level"};
-}
+Error truncated_texture() { return damaged_file("it ends before the last texel of its last level"); }
 
 // --- reading -------------------------------------------------------------------------------------------------------
 
@@ -174,17 +170,7 @@ Result<Ok> TextureDecoder::decode(int picture, void* pixels) {
 }
 
 Result<Ok> TextureDecoder::read_at(std::uint64_t offset, void* to, std::size_t size) const {
-  auto* bytes = static_cast<std::uint8_t*>(to);
-  while (size > 0) {
-    const ssize_t n = ::pread(fd_, bytes, size, static_cast<off_t>(offset));
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return Error{ErrorCode::input, std::string("cannot be read: ") + std::strerror(errno)};
-    if (n == 0) return truncated_texture();
-    bytes += n;
-    offset += static_cast<std::uint64_t>(n);
-    size -= static_cast<std::size_t>(n);
-  }
-  return Ok{};
+  return envconv::read_at(fd_, offset, {static_cast<std::uint8_t*>(to), size});
 }
 
 Result<std::vector<std::uint8_t>> TextureDecoder::read_at(std::uint64_t offset, std::uint64_t size) const {
@@ -193,11 +179,7 @@ Result<std::vector<std::uint8_t>> TextureDecoder::read_at(std::uint64_t offset, 
   return bytes;
 }
 
-Result<std::uint64_t> TextureDecoder::file_size() const {
-  struct stat info {};
-  if (::fstat(fd_, &info) != 0) return Error{ErrorCode::input, std::string("cannot be read: ") + std::strerror(errno)};
-  return static_cast<std::uint64_t>(std::max<off_t>(info.st_size, 0));
-}
+Result<std::uint64_t> TextureDecoder::file_size() const { return size_of_file(fd_); }
 
 // --- keys and values -----------------------------------------------------------------------------------------------
 

@@ -3,16 +3,14 @@
 // (2005).
 #include "tiff_write.h"
 
-#include <tiffio.h>
-
 #include <algorithm>
 #include <bit>
-#include <cstdio>
 #include <cstring>
 #include <vector>
 
 #include "deflate.h"
 #include "in_order.h"
+#include "tiff_messages.h"
 
 namespace envconv {
 namespace {
@@ -123,14 +121,6 @@ toff_t seek(thandle_t handle, toff_t offset, int whence) {
 int close(thandle_t) { return 0; }
 toff_t size(thandle_t handle) { return file_of(handle).size(); }
 
-int keep_message(TIFF*, void* to, const char*, const char* format, va_list arguments) {
-  char text[512];
-  std::vsnprintf(text, sizeof text, format, arguments);
-  static_cast<std::string*>(to)->assign(text);
-  return 1;
-}
-int ignore_message(TIFF*, void*, const char*, const char*, va_list) { return 1; }
-
 }  // namespace
 
 struct TiffWriter::State {
@@ -197,10 +187,7 @@ TiffWriter::TiffWriter(OutputFile& file, std::uint64_t bytes, std::uint64_t larg
     : state_(std::make_unique<State>(file)) {
   // What is deflated may grow by some bytes in a thousand; directories come on top.
   const bool big = bytes + bytes / 256 + (1 << 20) > largest;
-  const std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
-                                                                             TIFFOpenOptionsFree);
-  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), keep_message, &state_->message);
-  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), ignore_message, nullptr);
+  const TiffOptions options = tiff_messages_to(state_->message);
   state_->tiff = TIFFClientOpenExt("the file", big ? "wl8" : "wl", &file, read_bytes, write_bytes, seek, close, size,
                                    nullptr, nullptr, options.get());
 }

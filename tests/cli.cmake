@@ -15,6 +15,7 @@ set(cli_tests
   color
   compare
   convert
+  damage
   corpus
   documents
   faults

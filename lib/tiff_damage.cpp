@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tiff_damage.h"
+
+#include <libdeflate.h>
+#include <tiffio.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <memory>
+#include <new>
+#include <vector>
+
+#include "file_bytes.h"
+#include "tiff_messages.h"
+
+namespace envconv {
+namespace {
+
+constexpr int most_pictures = 64;
+
+// What libtiff reads from.  Its position is its own: other readers of the descriptor have theirs.
+struct Bytes {
+  int fd;
+  std::uint64_t size, position = 0;
+};
+
+tmsize_t read_bytes(thandle_t handle, void* to, tmsize_t count) {
+  auto& bytes = *static_cast<Bytes*>(handle);
+  const std::uint64_t there = bytes.size - std::min(bytes.position, bytes.size);
+  const std::uint64_t n = std::min(there, static_cast<std::uint64_t>(std::max<tmsize_t>(count, 0)));
+  if (!read_at(bytes.fd, bytes.position, {static_cast<std::uint8_t*>(to), static_cast<std::size_t>(n)})) return -1;
+  bytes.position += n;
+  return static_cast<tmsize_t>(n);
+}
+
+tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return -1; }
+
+toff_t seek(thandle_t handle, toff_t offset, int whence) {
+  auto& bytes = *static_cast<Bytes*>(handle);
+  bytes.position = (whence == SEEK_CUR ? bytes.position : whence == SEEK_END ? bytes.size : 0) + offset;
+  return bytes.position;
+}
+
+int close(thandle_t) { return 0; }
+
+toff_t size(thandle_t handle) { return static_cast<Bytes*>(handle)->size; }
+
+// A strip or a tile: its bytes in the file.
+struct Extent {
+  std::uint64_t offset, size;
+};
+
+class Checker {
+ public:
+  explicit Checker(TIFF* tiff, const Bytes& bytes) : tiff_(tiff), bytes_(bytes) {}
+
+  Result<Ok> extents() const {
+    const std::uint32_t count = blocks();
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const Extent extent = extent_of(i);
+      if (extent.offset > bytes_.size || extent.size > bytes_.size - extent.offset)
+        return damaged_file(name_of(i) + " lies behind the end of the file");
+    }
+    return Ok{};
+  }
+
+  Result<Ok> checksums() {
+    std::uint16_t compression = 0, order = FILLORDER_MSB2LSB;
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &compression);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_FILLORDER, &order);
+    if (compression != COMPRESSION_ADOBE_DEFLATE && compression != COMPRESSION_DEFLATE) return Ok{};
+    const std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> codec(
+        libdeflate_alloc_decompressor(), libdeflate_free_decompressor);
+    if (!codec) throw std::bad_alloc();
+    const tmsize_t largest = TIFFIsTiled(tiff_) ? TIFFTileSize(tiff_) : TIFFStripSize(tiff_);
+    if (largest <= 0) return damaged_file("strips or tiles of no size");
+    std::vector<std::uint8_t> packed;
+    const auto room = static_cast<std::size_t>(largest);
+    const auto unpacked = std::make_unique_for_overwrite<std::uint8_t[]>(room);
+    const std::uint32_t count = blocks();
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const Extent extent = extent_of(i);
+      packed.resize(static_cast<std::size_t>(extent.size));
+      ENVCONV_CHECK(read_at(bytes_.fd, extent.offset, packed));
+      if (order == FILLORDER_LSB2MSB) TIFFReverseBits(packed.data(), static_cast<tmsize_t>(packed.size()));
+      // The last strip may have fewer rows.
+      std::size_t made = 0;
+      if (libdeflate_zlib_decompress(codec.get(), packed.data(), packed.size(), unpacked.get(), room, &made) !=
+          LIBDEFLATE_SUCCESS)
+        return damaged_file(name_of(i) + " does not match its checksum");
+    }
+    return Ok{};
+  }
+
+ private:
+  std::uint32_t blocks() const { return TIFFIsTiled(tiff_) ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_); }
+  Extent extent_of(std::uint32_t i) const { return {TIFFGetStrileOffset(tiff_, i), TIFFGetStrileByteCount(tiff_, i)}; }
+  std::string name_of(std::uint32_t i) const { return (TIFFIsTiled(tiff_) ? "tile " : "strip ") + std::to_string(i); }
+
+  TIFF* tiff_;
+  const Bytes& bytes_;
+};
+
+}  // namespace
+
+Result<Ok> check_tiff(int fd, int picture) {
+  ENVCONV_TRY(const std::uint64_t file_size, size_of_file(fd));
+  Bytes bytes{fd, file_size};
+  std::string message;
+  const auto options = tiff_messages_to(message);
+  const std::unique_ptr<TIFF, void (*)(TIFF*)> tiff(
+      TIFFClientOpenExt("the file", "rm", &bytes, read_bytes, write_nothing, seek, close, size, nullptr, nullptr,
+                        options.get()),
+      TIFFClose);
+  const auto told = [&] { return damaged_file(message.empty() ? "libtiff gave no reason" : message); };
+  if (!tiff) return told();
+  Checker checker(tiff.get(), bytes);
+  for (int i = 0; i < most_pictures; ++i) {
+    ENVCONV_CHECK(checker.extents());
+    if (i == picture) ENVCONV_CHECK(checker.checksums());
+    if (TIFFLastDirectory(tiff.get())) return Ok{};
+    if (!TIFFReadDirectory(tiff.get())) return told();
+  }
+  return Ok{};
+}
+
+}  // namespace envconv

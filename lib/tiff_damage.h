@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// Damage of TIFF files that the image library does not report.  Internal: not installed.
+#pragma once
+
+#include "result.h"
+
+namespace envconv {
+
+/// Error: input, unless all strips and tiles of all pictures of the TIFF file are in it, and those of the picture
+/// number `picture`, if deflated, match their checksums: libtiff stops before these once it has a strip's rows.
+/// Throws std::bad_alloc.
+Result<Ok> check_tiff(int fd, int picture);
+
+}  // namespace envconv

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are damaged where their formats have means to notice: the same pixels as before, or an error."""
+import json
+import os
+import pathlib
+import random
+import shutil
+import struct
+import subprocess
+import tempfile
+import unittest
+import zlib
+
+import corpus
+from harness import BINARY, write_exr
+
+WIDTH, HEIGHT = 48, 24
+ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+
+
+def value(x, y, c):
+    return (x * 5 + y * 7 + c * 60 + x * y % 11) % 256
+
+
+def row(y, columns=range(WIDTH), channels=range(3)):
+    return bytes(value(x, y, c) for x in columns for c in channels)
+
+
+def png(interlaced=False, adler=True):
+    """The picture in three IDAT chunks."""
+    if interlaced:
+        lines = [row(y, range(x0, WIDTH, dx)) for x0, y0, dx, dy in ADAM7 for y in range(y0, HEIGHT, dy)]
+    else:
+        lines = [row(y) for y in range(HEIGHT)]
+    data = zlib.compress(b"".join(b"\0" + line for line in lines), 9)
+    if not adler:
+        data = data[:-1] + bytes([data[-1] ^ 1])
+    third = len(data) // 3
+    head = corpus.chunk(b"IHDR", struct.pack(">IIBBBBB", WIDTH, HEIGHT, 8, 2, 0, 0, interlaced))
+    parts = (data[:third], data[third : 2 * third], data[2 * third :])
+    return (b"\x89PNG\r\n\x1a\n" + head + corpus.chunk(b"gAMA", struct.pack(">I", 45455))
+            + b"".join(corpus.chunk(b"IDAT", part) for part in parts) + corpus.chunk(b"IEND", b""))
+
+
+def tiff(blocks, tile=None, rows=HEIGHT, planar=False, compression=8, order=1):
+    """A little-endian TIFF of 8-bit RGB whose directory comes first, and where its blocks begin."""
+    blocks = [zlib.compress(block, 9) for block in blocks]
+    if order == 2:
+        blocks = [bytes(int(f"{byte:08b}"[::-1], 2) for byte in block) for block in blocks]
+    fields = [(256, 3, [WIDTH]), (257, 3, [HEIGHT]), (258, 3, [8, 8, 8]), (259, 3, [compression]), (262, 3, [2]),
+              (266, 3, [order]), (277, 3, [3]), (284, 3, [2 if planar else 1])]
+    offsets, counts = (324, 325) if tile else (273, 279)
+    fields += [(322, 3, [tile]), (323, 3, [tile])] if tile else [(278, 3, [rows])]
+    fields += [(offsets, 4, [0] * len(blocks)), (counts, 4, [len(block) for block in blocks])]
+    fields.sort()
+    more_at = 8 + 2 + 12 * len(fields) + 4
+    start = more_at + sum(n * len(v) for _, kind, v in fields if (n := {3: 2, 4: 4}[kind]) * len(v) > 4)
+    entries, more = b"", b""
+    for tag, kind, values in fields:
+        if tag == offsets:
+            values = [start + sum(map(len, blocks[:i])) for i in range(len(blocks))]
+        data = struct.pack(f"<{len(values)}{'H' if kind == 3 else 'I'}", *values)
+        entries += struct.pack("<HHI", tag, kind, len(values))
+        entries += data.ljust(4, b"\0") if len(data) <= 4 else struct.pack("<I", more_at + len(more))
+        more += data if len(data) > 4 else b""
+    head = b"II*\0" + struct.pack("<IH", 8, len(fields)) + entries + b"\0\0\0\0" + more
+    return head + b"".join(blocks), start
+
+
+def tiffs():
+    strips = [b"".join(row(y) for y in range(top, top + 10) if y < HEIGHT) for top in range(0, HEIGHT, 10)]
+    planes = [b"".join(row(y, channels=[c]) for y in range(HEIGHT)) for c in range(3)]
+
+    def tiles(channels):
+        return [b"".join(row(y, range(x0, x0 + 32), channels) for y in range(y0, y0 + 32)) for y0 in range(0, HEIGHT, 32)
+                for x0 in range(0, WIDTH, 32)]
+
+    yield "strips.tif", tiff(strips, rows=10)
+    yield "reversed.tif", tiff(strips, rows=10, order=2)
+    yield "old.tif", tiff(strips, rows=10, compression=32946)
+    yield "planes.tif", tiff(planes, planar=True)
+    yield "tiles.tif", tiff(tiles(range(3)), tile=32)
+    yield "plane-tiles.tif", tiff([t for c in range(3) for t in tiles([c])], tile=32, planar=True)
+
+
+def damages(data, first):
+    """Pairs of what was done behind byte `first`, and the file."""
+    chance = random.Random(len(data))
+    last = len(data)
+    for at in sorted({first, *(first + (last - first) * i // 8 for i in range(8)), last - 12, last - 4, last - 1}):
+        yield f"cut{at}", data[:at]
+    # All of the last bytes, where checksums are.
+    for at in sorted({*chance.sample(range(first, last), 16), *range(last - 4, last)}):
+        yield f"flip{at}", corpus.replaced(data, at, bytes([data[at] ^ (1 << chance.randrange(8))]))
+    for at in chance.sample(range(first, last - 32), 4):
+        yield f"zeros{at}", corpus.replaced(data, at, bytes(32))
+        yield f"gap{at}", data[:at] + data[at + 8 :]
+
+
+class Damage(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="envconv-damage-"))
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def make(self, name, *words):
+        write_exr(self.folder / "in.exr", WIDTH, HEIGHT, lambda x, y: tuple(value(x, y, c) / 256 for c in range(3)))
+        subprocess.run([BINARY, "convert", "in.exr", "-o", name, "-q", "--filter", "nearest", *words], cwd=self.folder,
+                       check=True)
+        return (self.folder / name).read_bytes()
+
+    def convert(self, files, *words):
+        """Runs the tool over {name: bytes}; {name: None or (status, message)}, and what was written."""
+        for name, data in files.items():
+            (self.folder / name).write_bytes(data)
+        (self.folder / "out").mkdir(exist_ok=True)
+        done = subprocess.run(
+            [BINARY, "convert", "--files-from", "-", "-o", "out/{stem}_{ext}.exr", "--to", "latlong", "--size", "24", "--filter",
+             "nearest", "--compression", "none", "--keep-going", "--json", *words], cwd=self.folder,
+            input="\n".join(files).encode(), capture_output=True, timeout=300)
+        reports = [json.loads(line) for line in done.stdout.splitlines()]
+        self.assertEqual(len(reports), len(files) + 1, done.stderr)
+        ends = {r["input"]: (r["status"], r["error"]) if r["error"] else None for r in reports[:-1]}
+        written = {name: self.folder / "out" / (name.replace(".", "_") + ".exr") for name in files if not ends[name]}
+        return ends, {name: path.read_bytes() for name, path in written.items()}
+
+    def check(self, name, good, first, *words):
+        """All damages of a file, each of which must be an error or change no pixel."""
+        stem, kind = name.rsplit(".", 1)
+        files = {f"{stem}-{what}.{kind}": data for what, data in damages(good, first)}
+        files = {n: data for n, data in files.items() if data != good}
+        ends, written = self.convert({name: good, **files}, *words)
+        self.assertIsNone(ends[name])
+        self.assertGreater(sum(map(bool, ends.values())), 30)
+        for damaged in files:
+            if ends[damaged]:
+                self.assertEqual(ends[damaged][0], 3, (damaged, ends[damaged]))
+                self.assertIn(damaged + ": ", ends[damaged][1])
+            else:
+                self.assertEqual(written[damaged], written[name], f"{damaged} has other pixels")
+        for path in (self.folder / "out").iterdir():
+            path.unlink()
+
+    def test_png(self):
+        for name, data in (("plain.png", png()), ("interlaced.png", png(interlaced=True))):
+            self.check(name, data, 8)
+            self.check(name, data, 8, "--trust-input")
+        # What checksums of chunks cannot tell.
+        whole = png()
+        pixels = whole.index(b"IDAT") - 4
+        ends, _ = self.convert({"adler.png": png(adler=False), "no-end.png": whole[:-12],
+                                "short.png": whole[: whole.index(b"IDAT", pixels + 8) - 4] + whole[-12:],
+                                "none.png": whole[:pixels] + whole[-12:], "more.png": whole + b"more"})
+        for name in ("adler.png", "no-end.png", "short.png", "none.png"):
+            self.assertEqual((ends[name] or [None])[0], 3, name)
+        self.assertIsNone(ends["more.png"])
+
+    def test_tiff(self):
+        for name, (data, start) in tiffs():
+            self.check(name, data, start)
+        self.check(name, data, start, "--trust-input")
+
+    def test_tiff_of_other_programs_with_levels(self):
+        # Levels are behind each other, the directories at the end.
+        data = self.make("levels.tif", "--to", "latlong", "--mips", "--type", "uint8", "--compression", "zip")
+        end = len(data) - 16
+        for level in (0, 1):
+            ends, _ = self.convert({f"cut{at}.tif": data[:at] for at in range(8, end, end // 12)}, "--level", str(level))
+            for name, end_of in ends.items():
+                self.assertEqual((end_of or [None])[0], 3, name)
+
+    def test_exr(self):
+        for compression in ("zip", "zips", "pxr24"):
+            good = self.make("c.exr", "--to", "latlong", "--compression", compression, "--type", "float")
+            table = good.index(b"screenWindowWidth\0float\0") + len(b"screenWindowWidth\0float\0") + 8 + 1
+            self.check(compression + ".exr", good, table)
+
+    def test_exr_cut_anywhere(self):
+        compressions = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
+        cases = [(("--to", "latlong", "--size", "300"), c) for c in compressions]  # several chunks of each
+        cases += [(("--size", "16", "--mips", "--packing", packing), c) for packing in ("column", "parts") for c in ("none", "dwab")]
+        for words, compression in cases:
+            good = self.make("m.exr", *words, "--compression", compression)
+            size = len(good)
+            cuts = {f"cut{at}.exr": good[:at] for at in (size // 2, *range(size - 800, size, 160), size - 1)}
+            for level in ("0", "2") if "--mips" in words else ("0",):
+                ends, _ = self.convert({"m.exr": good, **cuts}, "--level", level)
+                self.assertIsNone(ends.pop("m.exr"), (words, compression))
+                for name, end in ends.items():
+                    self.assertEqual((end or [None])[0], 3, (words, compression, level, name))
+
+    def test_ktx2(self):
+        for compression in ("zlib", "zstd"):
+            good = self.make("k.ktx2", "--size", "16", "--type", "half", "--compression", compression, "--mips=1")
+            offset, size = struct.unpack_from("<QQ", good, 80)
+            self.assertEqual(offset + size, len(good))
+            self.check(compression + ".ktx2", good, offset)
+
+
+if __name__ == "__main__":
+    unittest.main()
