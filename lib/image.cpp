@@ -67,8 +67,7 @@ void Image::relieve() const {
 }
 
 void Image::texels_touched() const {
-  constexpr std::size_t mapped_about_a_fault = std::size_t{64} << 10;
-  if (scratch_) scratch_->touched(mapped_about_a_fault);
+  if (scratch_) scratch_->touched(mapped_about_a_texel);
 }
 
 void Image::row_touched() const {

@@ -65,8 +65,9 @@ class Image {
   /// since row() does it.
   void relieve() const;
   /// The same once in a while, for loops that read some texels here and there: each time the system may map as many
-  /// pages as it does about one that is read (64 KiB on Linux).
+  /// pages as it does about one that is read.
   void texels_touched() const;
+  static constexpr std::size_t mapped_about_a_texel = std::size_t{64} << 10;  ///< bytes, on Linux
   /// What the rows above `y` hold is not needed any more: a large image gives their memory back to the system.
   void forget_rows_above(int y);
 

@@ -127,6 +127,7 @@ std::size_t Scratch::resident() const {
 
 // With the mutex held.  Other threads may be reading and writing: they find their pages again.
 void Scratch::unmap_pages() {
+  unmappings_.fetch_add(1, std::memory_order_relaxed);
   for (const auto& [memory, bytes] : mappings_) ::madvise(memory, bytes, MADV_DONTNEED);
 }
 

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -47,6 +48,9 @@ class Scratch {
     if (touched_.fetch_add(bytes, std::memory_order_relaxed) + bytes >= look_every) relieve();
   }
 
+  /// How often pages were unmapped: what a thread has touched is mapped still while this has not changed.
+  std::uint64_t unmappings() const { return unmappings_.load(std::memory_order_relaxed); }
+
   /// The first thing that went wrong, ErrorCode::output, or nothing.
   std::optional<Error> failure() const;
 
@@ -65,7 +69,8 @@ class Scratch {
   int statm_ = -1;                       // /proc/self/statm, or -1
   std::atomic<std::size_t> threshold_;   // bytes above which pages are unmapped
   std::atomic<std::size_t> touched_{0};  // bytes since the last look, by those who tell
-  mutable std::mutex mutex_;             // of all below
+  std::atomic<std::uint64_t> unmappings_{0};
+  mutable std::mutex mutex_;  // of all below
   std::map<void*, std::size_t> mappings_;
   std::optional<Error> failure_;
   bool stopping_ = false;

@@ -158,6 +158,20 @@ void TileSampler::point(Kernel kernel, Workspace& w, int count) const {
     source_.point(kernel, count, w.face, w.windows);
 }
 
+// Brings what the windows point at into memory, where that is not done by reading it.
+void TileSampler::gather(Kernel kernel, Workspace& w, int count) const {
+  const Image& image = image_.faces.front();
+  if (image.scratch() && kernel != Kernel::band_limited)
+    w.scattered.prepare(image, source_.channels(), kernel, count, w.windows);
+}
+
+// out[count][4] = what the samples' windows hold.
+void TileSampler::read(Kernel kernel, Workspace& w, int count, float* out) const {
+  point(kernel, w, count);
+  gather(kernel, w, count);
+  sum_windows(kernel, source_.channels(), count, w.windows, w.weight, out);
+}
+
 // One sample in each texel, which needs no weights: several rows at once.
 void TileSampler::point_pass(Workspace& w, const Tile& tile) {
   constexpr int batch = 256;
@@ -178,8 +192,7 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile) {
     std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
     out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
     find_windows(filter_.kernel, w, count);
-    point(filter_.kernel, w, count);
-    sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
+    read(filter_.kernel, w, count, w.samples);
     for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
       store_texels(n, w.samples + 4 * s, {}, lowest_, channels_, stored, face.at(tile.x0, y) + first_channel_);
   }
@@ -234,6 +247,7 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
     }
     point(kernel, w, nu);
     const std::ptrdiff_t ahead = course.ahead(w, nu / 2, source_.channels());
+    gather(kernel, w, nu);
     const auto slot = static_cast<std::size_t>(row % ring);
     sum_windows(kernel, source_.channels(), nu, w.windows, w.weight, w.samples_rows.data() + slot * padded * 4, ahead);
     if (apart) std::copy_n(w.weight, padded, w.density_rows.data() + slot * padded);
@@ -412,8 +426,7 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
       for (run.end = run.begin + 1; run.end < tile.width && samples(run.end, j) == std::pair{ku, kv};) ++run.end;
       const int n = run.end - run.begin;
       sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), j, run, w, [&](int count) {
-        point(filter_.kernel, w, count);
-        sum_windows(filter_.kernel, source_.channels(), count, w.windows, w.weight, w.samples);
+        read(filter_.kernel, w, count, w.samples);
         std::fill_n(w.row, 4 * n, 0.0f);
         for (int s = 0; s < count; s += n)
           for (int i = 0; i < 4 * n; ++i) w.row[i] += w.samples[4 * s + i];

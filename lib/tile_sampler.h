@@ -7,6 +7,7 @@
 
 #include "grid_tables.h"
 #include "read_kernels.h"
+#include "scattered_windows.h"
 #include "source.h"
 #include "source_blocks.h"
 #include "tile_plan.h"
@@ -25,6 +26,7 @@ struct Workspace {
   alignas(64) float samples[batch_room * 4];  // of a batch
   float total[batch_room];
   alignas(64) float row[largest_tile * 4];
+  ScatteredWindows scattered;
   // Of the grid: the last rows of samples, four floats each, and their densities; and those combined to a row.
   std::vector<float> samples_rows, density_rows, combined, combined_density;
   std::vector<float> weight4;  // of the grid's texels in a row, each four times
@@ -50,6 +52,8 @@ class TileSampler {
   void sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met);
   void find_windows(Kernel kernel, Workspace& w, int count) const;
   void point(Kernel kernel, Workspace& w, int count) const;
+  void gather(Kernel kernel, Workspace& w, int count) const;
+  void read(Kernel kernel, Workspace& w, int count, float* out) const;
   void point_pass(Workspace& w, const Tile& tile);
   void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan);
   bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met);

@@ -12,7 +12,7 @@ import tempfile
 import time
 import unittest
 
-from harness import BINARY, SANITIZED, Case, write_constant, write_exr
+from harness import BINARY, SANITIZED, Case, write_constant, write_directions, write_exr
 
 INJECTOR = os.path.abspath(os.environ["ENVCONV_INJECTOR"])
 MB = 1000 * 1000
@@ -106,6 +106,35 @@ class Memory(Case):
             words += ("--memory", (needed + 2) * MB)
             self.assertGreater(self.json("convert", *words, "--dry-run")["scratch"], 0, words)
             self.assertLess(self.measured(*words), (needed + 2) * MB, words)
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_no_layout_of_a_source_takes_more_than_predicted(self):
+        write_directions(self.path("small.exr"))
+        layouts = [layout["name"] for layout in self.json("layouts")["layouts"]]
+        self.assertGreater(len(layouts), 20)
+        for layout in layouts:
+            self.run_tool("convert", "small.exr", "-o", "in.exr", "--to", layout, "--texels", "1M", "--type", "float",
+                          "--compression", "none", "--filter", "nearest", "-q")
+            words = ("in.exr", "-o", "out.exr", "--rotate", "40,50,60", "--size", 64, "-j", 2)
+            predicted, measured = self.predicted(*words), self.measured(*words)
+            self.assertLess(measured, predicted + 4 * MB, layout)
+            # The working memory of so small an output is at most a third of all.
+            self.assertLess(predicted, 1.5 * measured, layout)
+
+    @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
+    def test_texels_far_from_each_other_count_by_their_pages(self):
+        # About the point behind a mirror ball, each sample of a row lies in other pages.
+        write_directions(self.path("small.exr"))
+        self.run_tool("convert", "small.exr", "-o", "in.exr", "--to", "mirror-ball", "--texels", "16M", "--type", "float",
+                      "--compression", "none", "--filter", "nearest", "-q")
+        for options in (("--to", "octahedral", "--size", 600, "--filter", "bilinear"), ("--to", "latlong", "--size", 500)):
+            words = ("in.exr", "-o", "out.exr", "--rotate", "40,50,60", "--compression", "none", "-j", 2, *options)
+            self.run_tool("convert", *words)
+            whole = self.path("out.exr").read_bytes()
+            words += ("--memory", 175 * MB)
+            self.assertGreater(self.json("convert", *words, "--dry-run")["scratch"], 0)
+            self.assertLess(self.measured(*words), 175 * MB, options)
+            self.assertTrue(self.path("out.exr").read_bytes() == whole, options)
 
     @unittest.skipIf(SANITIZED, "a sanitizer takes memory of its own")
     def test_in_a_batch_too(self):
