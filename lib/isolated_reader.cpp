@@ -166,9 +166,10 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     ::_exit(0);
   };
   try {
-    // OpenEXR uses memory it never wrote when a chunk inflates short; what comes out must be the same every time.  The
-    // image library allocates 60 MB to read the smallest file, which this would fill.
-    if (format == "openexr") ::mallopt(M_PERTURB, 0xFF);
+    // OpenEXR uses memory it never wrote when a chunk inflates short, and so does HEIF's codec where its stream is
+    // damaged; what comes out must be the same every time.  The image library allocates 60 MB to read the smallest
+    // file, which this would fill.
+    if (format == "openexr" || format == "heif") ::mallopt(M_PERTURB, 0xFF);
     struct stat info {};
     const std::uint64_t file_size = ::fstat(file, &info) == 0 ? static_cast<std::uint64_t>(info.st_size) : 0;
     const auto threads = static_cast<std::uint64_t>(std::max(options.threads, 1));

@@ -18,6 +18,7 @@ namespace envconv {
 namespace {
 
 constexpr int most_pictures = 64;
+constexpr std::uint64_t header = 8;  // bytes; BigTIFF's has more
 
 // What libtiff reads from.  Its position is its own: other readers of the descriptor have theirs.
 struct Bytes {
@@ -61,6 +62,7 @@ class Checker {
       const Extent extent = extent_of(i);
       if (extent.offset > bytes_.size || extent.size > bytes_.size - extent.offset)
         return damaged_file(name_of(i) + " lies behind the end of the file");
+      if (extent.offset < header && extent.size > 0) return damaged_file(name_of(i) + " lies in the file's header");
     }
     return Ok{};
   }

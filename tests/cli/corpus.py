@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hostile files of seven formats, made from small good ones: the same every time.
+"""Hostile files of thirteen formats, made from small good ones: the same every time.
 
     python3 corpus.py FOLDER      with ENVCONV and ENVCONV_SOURCE set: writes the files there
 
@@ -81,6 +81,11 @@ def good_files(folder):
     values = struct.pack(f"<{width * height * 4}f", *(i % 11 / 11 for i in range(width * height * 4)))
     files["good.dds"] = dds(width, height, values)
     files["good.ktx2"] = ktx2(width, height, values)
+    for name in ("good.bmp", "good.tga", "good.webp", "good.ppm", "good.pfm", "good.ktx"):
+        subprocess.run([BINARY, "convert", "good.png", "-o", name, "--to", "latlong", "-q"], cwd=folder, check=True)
+        files[name] = (folder / name).read_bytes()
+    # Without its extension area, and so with pixels up to the footer.
+    files["good.tga"] = files["good.tga"][: 18 + width * height * 3] + files["good.tga"][-26:]
     for path in list(folder.iterdir()):
         path.unlink()
     return files
@@ -90,8 +95,8 @@ def truncations(files):
     for name, data in files.items():
         for share in (0.02, 0.1, 0.25, 0.5, 0.75, 0.9):
             yield name, f"{int(share * 100):02}", data[: int(len(data) * share)]
-        # JPEG's last bytes are its end mark; without it, all pixels are there.
-        yield name, "last", data[: -16 if name.endswith((".jpg", ".png", ".tif")) else -1]
+        # JPEG's and TGA's last bytes are an end mark; without it, all pixels are there.
+        yield name, "last", data[: -27 if name.endswith(".tga") else -16 if name.endswith(".jpg") else -1]
 
 
 def replaced(data, at, new):
@@ -127,6 +132,7 @@ def claims(files):
     yield "good.ktx2", "length", ktx2(32, 16, b"\0" * 8192, length=1 << 62)
     yield "good.ktx2", "faces", ktx2(32, 16, b"\0" * 8192, faces=0xFFFFFFFF)
     yield "raw.tif", "strip", tiff(32, 16, b"\0" * 1536, {273: (4, 1, 0xFFFFFFF0)}.items())
+    yield "raw.tif", "header", tiff(32, 16, b"\0" * 1536, {273: (4, 1, 0)}.items())
     yield "raw.tif", "samples", tiff(32, 16, b"\0" * 1536, {277: (3, 1, 65535)}.items())
 
 
