@@ -332,7 +332,7 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
                                  : 0;
   const auto cores = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
   const std::size_t threads = options.threads > 0 ? std::min(cores, static_cast<std::size_t>(options.threads)) : cores;
-  constexpr std::size_t work = std::size_t{2} << 20;  // of each thread, besides its blocks: a view, rows of samples
+  constexpr std::size_t work = std::size_t{3} << 20;  // of each thread, besides its blocks: a view, rows of samples
   // Highlights, of which there may be many; and which texels are owned, where not all are.
   const std::size_t rest = (filter.limited ? source.texel_count() : 0) +
                            (source.layout->info().domain == Domain::square ? 0 : source.texel_count());

@@ -101,6 +101,7 @@ void SourceBlocks::filter(int f, int left, int top, int width, int height, int m
     const float* in[abreast];
     float* out[abreast];
     for (int k = 0; k < abreast; ++k) {
+      face.image->texels_touched();
       const int row_y = y + std::min(j + k, high - 1);
       in[k] = source_->row_in_place(f, x, row_y, wide);
       if (!in[k]) {
