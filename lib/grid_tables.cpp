@@ -23,9 +23,11 @@ std::optional<GridQuadrature> GridTables::grid(double need, const SourceWave& wa
   const double spacing = kernel == Kernel::drooping ? direct_spacing : grid_spacing;
   int steps = samples_, texels = 1;
   if (steps == 0) {
-    // Of 1, 5/4, 3/2, 7/4, 2, 5/2, 3 ... as few as will do.
+    // Of 1, 5/4, 3/2, 7/4, 2, 3, 4, 9/2, 5 ... as few as will do.  Fractions see high frequencies less well.
     const double wanted = need / spacing;
-    const int fraction = wanted <= 1 ? 1 : wanted <= 1.75 && n % 4 == 0 ? 4 : n % 2 == 0 ? 2 : 1;
+    int fraction = 1;
+    if (wanted > 1 && wanted <= 1.75) fraction = n % 4 == 0 ? 4 : n % 2 == 0 ? 2 : 1;
+    if (wanted > 4 && n % 2 == 0) fraction = 2;
     steps = std::max(1, static_cast<int>(std::ceil(std::min(wanted, 1e6) * fraction)));
     texels = fraction;
     while (texels > 1 && steps % 2 == 0) steps /= 2, texels /= 2;

@@ -129,7 +129,7 @@ GridQuadrature grid_quadrature(int steps, int texels, double source_texels, cons
   q.steps = steps, q.texels = texels;
   // Long steps have little room between the band and their limit, and need more of the neighbours; more still where
   // they do not lie alike in every texel.  Around a sample that is a texel's middle as many lie before as after.
-  const int around = density >= 2 ? 4 : texels > 1 ? 7 : 6;
+  const int around = (density >= 2 ? 4 : 6) + (texels > 1 ? 1 : 0);
   q.taps = static_cast<int>(std::ceil(density + around));
   std::vector<std::vector<double>> weights;
   for (int phase = 0; phase < texels; ++phase) {

@@ -44,9 +44,10 @@ struct SourceWave {
 /// Weights that make the sum over the grid the texel's integral of every wave that the source holds: least squares
 /// between sum w_j exp(i k x_j) and sin(k/2) / (k/2).  The source's highest frequency is source_texels / 2 waves per
 /// texel; waves well below it and below the texels' own limit of 1/2 weigh most, and the lower the more.  With steps of
-/// 1.1 source texels, which are the longest (1, 5/4, 3/2 ... a texel), the error is below -65 dB up to 0.4 of that
-/// limit, -44 dB at 0.6 and -32 dB at 0.7. Samples that were read with Kernel::drooping have its loss made up for:
-/// drooping_height(k wave.along) * drooping_height(k wave.across) in all.
+/// 1.1 source texels, which are the longest, the error is below -52 dB up to 0.4 of that limit, -38 dB at 0.6 and
+/// -30 dB at 0.7, where five samples lie in four texels; with one in each or two it is below -65, -44 and -38 dB.
+/// Samples that were read with Kernel::drooping have its loss made up for: drooping_height(k wave.along) *
+/// drooping_height(k wave.across) in all.
 GridQuadrature grid_quadrature(int steps, int texels, double source_texels, const SourceWave& wave);
 inline constexpr double grid_reach = 4;     ///< texels beyond a texel's edge that hold all its samples
 inline constexpr int most_grid_steps = 16;  ///< in a texel
