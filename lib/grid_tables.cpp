@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace envconv {
 namespace {
@@ -58,14 +59,18 @@ std::optional<GridQuadrature> GridTables::grid(double need, const SourceWave& wa
 
 // By steps, texels, and 8ths of a source texel: a step's length, and a step's wave along and across.
 const GridQuadrature& GridTables::table(const std::array<int, 5>& key) {
+  const auto found = [&]() -> const GridQuadrature* {
+    const std::lock_guard lock(mutex_);
+    const auto at = grids_.find(key);
+    return at == grids_.end() ? nullptr : at->second.get();
+  };
+  if (const GridQuadrature* q = found()) return *q;
+  // Made without the lock: others need not wait, and who made the same one meanwhile made the same.
+  const double density = static_cast<double>(key[0]) / key[1];
+  auto made = std::make_unique<GridQuadrature>(
+      grid_quadrature(key[0], key[1], key[2] / 8.0 * density, {key[3] / 8.0 / density, key[4] / 8.0 / density}));
   const std::lock_guard lock(mutex_);
-  auto& q = grids_[key];
-  if (!q) {
-    const double density = static_cast<double>(key[0]) / key[1];
-    q = std::make_unique<GridQuadrature>(
-        grid_quadrature(key[0], key[1], key[2] / 8.0 * density, {key[3] / 8.0 / density, key[4] / 8.0 / density}));
-  }
-  return *q;
+  return *grids_.try_emplace(key, std::move(made)).first->second;
 }
 
 }  // namespace envconv

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "quadrature.h"
 
+#include <array>
 #include <cmath>
 
 namespace envconv {
@@ -95,6 +96,20 @@ std::vector<double> wave_weights(const std::vector<double>& x, bool symmetric, d
   const std::size_t unknowns = symmetric ? (x.size() + 1) / 2 : x.size(), free = unknowns - 1;
   const auto multiplicity = [&](std::size_t j) { return symmetric && 2 * j + 1 != x.size() ? 2.0 : 1.0; };
   const double last = multiplicity(free);
+  // Waves' numbers are in equal steps, so their values at a sample follow by turning on.
+  const double first_wave = 0.625 * M_PI * steps_per_texel / waves;  // radians per texel; steps are twice as long
+  struct Turn {
+    double cosine, sine;
+  };
+  std::vector<std::array<Turn, waves>> turns(unknowns);
+  for (std::size_t j = 0; j < unknowns; ++j) {
+    const double c = std::cos(2 * first_wave * x[j]), s = std::sin(2 * first_wave * x[j]);
+    Turn turn{std::cos(first_wave * x[j]), std::sin(first_wave * x[j])};
+    for (Turn& at : turns[j]) {
+      at = turn;
+      turn = {turn.cosine * c - turn.sine * s, turn.sine * c + turn.cosine * s};
+    }
+  }
   std::vector<std::vector<double>> columns(free);
   std::vector<double> b;
   for (int i = 0; i < waves; ++i) {
@@ -106,7 +121,10 @@ std::vector<double> wave_weights(const std::vector<double>& x, bool symmetric, d
     const double height = drooping_height(k * wave.along) * drooping_height(k * wave.across);
     for (const bool odd : {false, true}) {
       if (odd && symmetric) continue;
-      const auto wave_at = [&](std::size_t j) { return height * (odd ? std::sin(k * x[j]) : std::cos(k * x[j])); };
+      const auto wave_at = [&](std::size_t j) {
+        const Turn& turn = turns[j][static_cast<std::size_t>(i)];
+        return height * (odd ? turn.sine : turn.cosine);
+      };
       const double of_last = wave_at(free);
       for (std::size_t j = 0; j < free; ++j)
         columns[j].push_back(importance * multiplicity(j) * (wave_at(j) - of_last));

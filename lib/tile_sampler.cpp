@@ -146,7 +146,7 @@ TileSampler::TileSampler(const EnvImage& image, Source& source, int first_channe
 // The samples' directions to windows that point at texels.
 void TileSampler::find_windows(Kernel kernel, Workspace& w, int count) const {
   const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
-  rotate_directions(matrix_, padded, w.x, w.y, w.z);
+  if (!(source_from_out_ == Mat3{})) rotate_directions(matrix_, padded, w.x, w.y, w.z);
   source_.layout().locations(padded, w.x, w.y, w.z, w.face, w.su, w.sv);
   make_windows(source_.maps(), kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
 }
