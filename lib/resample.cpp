@@ -128,7 +128,7 @@ class Resampler {
   // little).  What is missing is given back in proportion to each value's magnitude: a gain for radiance, and nothing
   // for a constant, whose mean is exact already.
   void keep_mean(const SphereMean& before, const SphereMean& after, EnvImage& out) const {
-    constexpr double most = 0.01;   // more than this is no rounding to be mended: a handful of texels, or singular ones
+    constexpr double most = 0.03;   // more than this is no rounding to be mended: a handful of texels, or singular ones
     constexpr float least = 3e-6f;  // less than this is not worth a walk through the image
     const int channels = out.channels.count();
     std::vector<float> share(static_cast<std::size_t>(channels), 0.0f);
