@@ -57,7 +57,7 @@ class SourceBlocks {
 
  private:
   static constexpr int side = 64, reach = 3;      // texels of a block, and beyond each of its sides
-  static constexpr int largest_view = 320 * 320;  // texels: all of it stays in a core's cache
+  static constexpr int largest_view = 320 * 320;  // texels; near poles, where blocks would be more; commonly a sixth
   // Fewer will do for views: at their rims lie only the samples beyond a tile's texels, which weigh little.
   static constexpr int view_margin = 12;
   struct Grid {
