@@ -20,58 +20,8 @@ namespace {
 // Pixel position whose fraction is a rounding error counts as the pixel itself.
 constexpr double on_texel = 1e-6;
 
-// The modified Bessel function of the first kind, order 0, to rounding for |x| <= 8: its power series.
-double bessel_i0(double x) {
-  const double q = 0.25 * x * x;
-  double sum = 1, term = 1;
-  for (int k = 1; k < 28; ++k) term *= q / (k * k), sum += term;
-  return sum;
-}
-
-// Interpolating kernel for texels read from across seams: sinc under a Kaiser window (beta 7.5), eight taps.
-constexpr int adopt_taps = 8, adopt_before = adopt_taps / 2 - 1;
-std::array<float, adopt_taps> adopt_weights(double f) {
-  std::array<double, adopt_taps> w;
-  double sum = 0;
-  const double sine = std::sin(M_PI * f);  // of pi t, but for the sign
-  for (int k = 0; k < adopt_taps; ++k) {
-    const double t = k - adopt_before - f;
-    const double r = t / (adopt_taps / 2);
-    double value = 0;
-    if (std::abs(r) < 1)
-      value = bessel_i0(7.5 * std::sqrt(1 - r * r)) * (t == 0 ? 1.0 : (k % 2 ? -sine : sine) / (M_PI * t));
-    w[static_cast<std::size_t>(k)] = value;
-    sum += value;
-  }
-  std::array<float, adopt_taps> out;
-  for (std::size_t k = 0; k < adopt_taps; ++k) out[k] = static_cast<float>(w[k] / sum);
-  return out;
-}
-
-// The same from a table: 1024 steps, linear between them.
-struct AdoptTable {
-  std::array<std::array<float, adopt_taps>, 1025> rows;
-  AdoptTable() {
-    for (std::size_t i = 0; i <= 512; ++i) {
-      const auto row = adopt_weights(static_cast<double>(i) / 1024);
-      std::reverse_copy(row.begin(), row.end(), rows[1024 - i].begin());
-      rows[i] = row;
-    }
-  }
-  std::array<float, adopt_taps> at(double f) const {
-    const double x = f * 1024;
-    const std::size_t i = std::min<std::size_t>(static_cast<std::size_t>(x), 1023);
-    const float t = static_cast<float>(x - static_cast<double>(i));
-    std::array<float, adopt_taps> w;
-    for (std::size_t k = 0; k < adopt_taps; ++k) w[k] = rows[i][k] + t * (rows[i + 1][k] - rows[i][k]);
-    return w;
-  }
-};
-
-const AdoptTable& adopt_table() {
-  static const AdoptTable table;
-  return table;
-}
+constexpr int adopt_taps = sinc_taps, adopt_before = adopt_taps / 2 - 1;
+constexpr int most_together = 64;  // orphans interpolated at once
 
 }  // namespace
 
@@ -86,6 +36,12 @@ class Source::Ownership {
       const SourceFace& s = source.faces_[static_cast<std::size_t>(o.face)];
       if (source.in_face(s, o.x, o.y)) orphaned_[static_cast<std::size_t>(o.face)][place(s, o.x, o.y)] = 1;
     });
+    for (const UnreadPatch& patch : orphans.unread) {
+      const SourceFace& s = source.faces_[static_cast<std::size_t>(patch.face)];
+      for (int y = patch.y; y < patch.y + patch.height; ++y)
+        for (int x = patch.x; x < patch.x + patch.width; ++x)
+          if (source.in_face(s, x, y)) orphaned_[static_cast<std::size_t>(patch.face)][place(s, x, y)] = 1;
+    }
   }
 
   bool owned(int face, int x, int y) const {
@@ -147,6 +103,7 @@ Source::Orphans Source::find_orphans() const {
       find_orphans_in(static_cast<int>(f), p.x, p.y, p.width, p.height, found[i]);
     });
     for (const Orphans& some : found) {
+      orphans.unread.insert(orphans.unread.end(), some.unread.begin(), some.unread.end());
       orphans.exact.insert(orphans.exact.end(), some.exact.begin(), some.exact.end());
       orphans.smooth.insert(orphans.smooth.end(), some.smooth.begin(), some.smooth.end());
       orphans.others.insert(orphans.others.end(), some.others.begin(), some.others.end());
@@ -183,14 +140,18 @@ Source::Orphan Source::ExactPatch::at(int i, int j) const {
           true};
 }
 
-Source::Orphan Source::SmoothPatch::at(int i, int j) const {
-  const double s = width > 1 ? 2.0 * i / (width - 1) - 1 : 0, t = height > 1 ? 2.0 * j / (height - 1) - 1 : 0;
-  const auto value = [&](const double(&c)[4][4]) {
-    double sum = 0;
-    for (int n = 3; n >= 0; --n) sum = sum * t + (((c[n][3] * s + c[n][2]) * s + c[n][1]) * s + c[n][0]);
-    return sum;
-  };
-  return {face, x + i, y + j, from_face, value(from_x), value(from_y)};
+void Source::SmoothPatch::row(int j, Orphan* out) const {
+  const double t = height > 1 ? 2.0 * j / (height - 1) - 1 : 0;
+  double across_x[4], across_y[4];  // polynomials of s
+  for (int m = 0; m < 4; ++m) {
+    across_x[m] = ((from_x[3][m] * t + from_x[2][m]) * t + from_x[1][m]) * t + from_x[0][m];
+    across_y[m] = ((from_y[3][m] * t + from_y[2][m]) * t + from_y[1][m]) * t + from_y[0][m];
+  }
+  for (int i = 0; i < width; ++i) {
+    const double s = width > 1 ? 2.0 * i / (width - 1) - 1 : 0;
+    const auto value = [&](const double(&c)[4]) { return ((c[3] * s + c[2]) * s + c[1]) * s + c[0]; };
+    out[i] = {face, x + i, y + j, from_face, value(across_x), value(across_y), false};
+  }
 }
 
 void Source::find_orphans_in(int face, int x, int y, int width, int height, Orphans& orphans) const {
@@ -204,14 +165,29 @@ void Source::find_orphans_in(int face, int x, int y, int width, int height, Orph
   bool orphaned =
       x + width <= apron_ || y + height <= apron_ || x >= apron_ + s.size.width || y >= apron_ + s.size.height;
   constexpr int fine = 32;  // rectangles in a face's side, of which seams are so smooth that none slips between points
-  if (!whole && !orphaned && std::max(width, height) * fine <= std::max(s.size.width, s.size.height)) {
-    // Around the rectangle, a texel away from it.
-    constexpr int around = 25;
-    int owned_around = 0;
+  constexpr int around = 25;
+  const auto is_fine = [&](int margin) {
+    return (std::max(width, height) + 2 * margin) * fine <= std::max(s.size.width, s.size.height);
+  };
+  // Of points of the rectangle and so many texels around it.
+  const auto owned_around = [&](int margin) {
+    int count = 0;
     for (int k = 0; k < around; ++k)
-      owned_around += owned(x - 1 + k % 5 * (width + 1) / 4, y - 1 + k / 5 * (height + 1) / 4) ? 1 : 0;
-    if (owned_around == around) return;
-    orphaned = owned_around == 0;
+      count +=
+          owned(x - margin + k % 5 * (width - 1 + 2 * margin) / 4, y - margin + k / 5 * (height - 1 + 2 * margin) / 4)
+              ? 1
+              : 0;
+    return count;
+  };
+  if (!whole && !orphaned && is_fine(1)) {
+    const int count = owned_around(1);
+    if (count == around) return;
+    orphaned = count == 0;
+    // Windows reach as far as the apron.
+    if (orphaned && is_fine(apron_ + 1) && owned_around(apron_ + 1) == 0) {
+      orphans.unread.push_back({face, x, y, width, height});
+      return;
+    }
   }
   if (whole && find_exact_patch(face, x, y, width, height, orphans)) return;
   if (orphaned && find_smooth_patch(face, x, y, width, height, orphans)) return;
@@ -258,8 +234,8 @@ bool Source::find_exact_patch(int face, int x, int y, int width, int height, Orp
 // Elsewhere the place is interpolated between 4 x 4 nodes (Chebyshev's), where that agrees with the formula at the
 // rectangle's corners and between the nodes.
 bool Source::find_smooth_patch(int face, int x, int y, int width, int height, Orphans& orphans) const {
-  constexpr int most = 64, least = 32;  // longest side, and texels, below which nothing is gained
-  constexpr double tolerance = 1e-5;    // texels
+  constexpr int most = most_together, least = 32;  // longest side, and texels, below which nothing is gained
+  constexpr double tolerance = 1e-5;               // texels
   if (std::max(width, height) > most || width * height < least) return false;
   SmoothPatch patch{face, x, y, width, height, -1, {}, {}};
   const auto place = [&](double s, double t) {
@@ -290,7 +266,9 @@ bool Source::find_smooth_patch(int face, int x, int y, int width, int height, Or
         }
     }
   const auto agrees = [&](int i, int j) {
-    const Orphan truth = orphan_at(face, x + i, y + j), o = patch.at(i, j);
+    Orphan row[most];
+    patch.row(j, row);
+    const Orphan truth = orphan_at(face, x + i, y + j), &o = row[i];
     return truth.from_face == patch.from_face && std::abs(truth.from_x - o.from_x) <= tolerance &&
            std::abs(truth.from_y - o.from_y) <= tolerance;
   };
@@ -310,33 +288,64 @@ bool Source::find_smooth_patch(int face, int x, int y, int width, int height, Or
 }
 
 void Source::adopt(const Orphans& orphans) {
+  // Images hold anything there, and recursions run over it.
+  tbb::parallel_for(std::size_t{0}, orphans.unread.size(), [&](std::size_t i) {
+    const UnreadPatch& patch = orphans.unread[i];
+    const std::vector<float> black(static_cast<std::size_t>(patch.width * channels_));
+    for (int j = 0; j < patch.height; ++j) write_row(patch.face, patch.x, patch.y + j, patch.width, black.data());
+  });
   tbb::parallel_for(std::size_t{0}, orphans.exact.size(), [&](std::size_t i) { adopt_patch(orphans.exact[i]); });
   const Ownership ownership(*this, orphans);
   // Most read nothing but what is owned.  The windows of the rest, near seams' ends, hold orphans themselves: they take
   // the nearest owned texel first, and refine.
   tbb::concurrent_vector<Orphan> open;
-  const auto first = [&](const Orphan& o) {
-    const bool settled = o.exact || ownership.window_owned(o);
-    const Texel value = settled && !o.exact ? interpolate(o) : nearest_owned(o, ownership);
-    write_row(o.face, o.x, o.y, 1, value.data());
-    if (!settled) open.push_back(o);
+  // `n` neighbours in a row.
+  const auto first = [&](int n, const Orphan* row) {
+    Texel values[most_together];
+    Orphan settled[most_together];
+    int place[most_together], count = 0;
+    for (int i = 0; i < n; ++i) {
+      const bool whole = ownership.window_owned(row[i]);
+      if (whole && !row[i].exact) {
+        settled[count] = row[i], place[count++] = i;
+        continue;
+      }
+      values[i] = nearest_owned(row[i], ownership);
+      if (!whole && !row[i].exact) open.push_back(row[i]);
+    }
+    Texel interpolated[most_together];
+    interpolate(count, settled, interpolated);
+    for (int k = 0; k < count; ++k) values[place[k]] = interpolated[k];
+    write_texels(n, row, values);
   };
-  const auto each = [](std::size_t n, const auto& visit) {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, 256), [&](const auto& range) {
-      for (std::size_t i = range.begin(); i != range.end(); ++i) visit(i);
+  // Runs of texels that are neighbours in a row.
+  const auto each_run = [](const auto& all, const auto& visit) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, all.size(), 256), [&](const auto& range) {
+      for (std::size_t i = range.begin(), end; i != range.end(); i = end) {
+        const auto follows = [&](std::size_t k) {
+          return all[k].face == all[i].face && all[k].y == all[i].y &&
+                 all[k].x == all[i].x + static_cast<std::int32_t>(k - i);
+        };
+        for (end = i + 1; end != range.end() && end - i < most_together && follows(end);) ++end;
+        visit(i, static_cast<int>(end - i));
+      }
     });
   };
-  each(orphans.others.size(), [&](std::size_t i) { first(orphans.others[i]); });
+  each_run(orphans.others, [&](std::size_t i, int n) { first(n, &orphans.others[i]); });
   tbb::parallel_for(std::size_t{0}, orphans.smooth.size(), [&](std::size_t k) {
     const SmoothPatch& patch = orphans.smooth[k];
-    for (int j = 0; j < patch.height; ++j)
-      for (int i = 0; i < patch.width; ++i) first(patch.at(i, j));
+    Orphan row[most_together];
+    for (int j = 0; j < patch.height; ++j) {
+      patch.row(j, row);
+      first(patch.width, row);
+    }
   });
   // Each pass reads the one before only, so that the order (and the thread count) does not matter.
-  std::vector<Texel> values(open.size());
-  for (int pass = 0; pass < 3 && !open.empty(); ++pass) {
-    each(open.size(), [&](std::size_t i) { values[i] = interpolate(open[i]); });
-    each(open.size(), [&](std::size_t i) { write_row(open[i].face, open[i].x, open[i].y, 1, values[i].data()); });
+  const std::vector<Orphan> refined(open.begin(), open.end());
+  std::vector<Texel> values(refined.size());
+  for (int pass = 0; pass < 3 && !refined.empty(); ++pass) {
+    each_run(refined, [&](std::size_t i, int n) { interpolate(n, &refined[i], &values[i]); });
+    each_run(refined, [&](std::size_t i, int n) { write_texels(n, &refined[i], &values[i]); });
   }
 }
 
@@ -356,16 +365,23 @@ void Source::adopt_patch(const ExactPatch& patch) {
   }
 }
 
-Source::Texel Source::interpolate(const Orphan& orphan) const {
-  faces_[static_cast<std::size_t>(orphan.from_face)].image->texels_touched();
-  const int x = static_cast<int>(std::floor(orphan.from_x)), y = static_cast<int>(std::floor(orphan.from_y));
-  const auto wx = adopt_table().at(orphan.from_x - x), wy = adopt_table().at(orphan.from_y - y);
-  float copy[adopt_taps * adopt_taps * 4 + 16];
-  const Rectangle window =
-      rectangle(orphan.from_face, x - adopt_before, y - adopt_before, adopt_taps, adopt_taps, copy);
-  Texel sums{};
-  sum_window(channels_, window.texels, window.pitch, wx.data(), wy.data(), sums.data());
-  return sums;
+void Source::interpolate(int n, const Orphan* orphans, Texel* values) const {
+  constexpr int copied = adopt_taps * adopt_taps * 4 + 16;
+  constexpr int batch = 16;
+  float copies[batch][copied];
+  SincWindow windows[batch];
+  for (int begin = 0; begin < n; begin += batch) {
+    const int count = std::min(batch, n - begin);
+    for (int i = 0; i < count; ++i) {
+      const Orphan& o = orphans[begin + i];
+      faces_[static_cast<std::size_t>(o.from_face)].image->texels_touched();
+      const int x = static_cast<int>(std::floor(o.from_x)), y = static_cast<int>(std::floor(o.from_y));
+      const Rectangle window =
+          rectangle(o.from_face, x - adopt_before, y - adopt_before, adopt_taps, adopt_taps, copies[i]);
+      windows[i] = {window.texels, window.pitch, static_cast<float>(o.from_x - x), static_cast<float>(o.from_y - y)};
+    }
+    interpolate_sinc(channels_, count, windows, values[begin].data());
+  }
 }
 
 Source::Texel Source::nearest_owned(const Orphan& orphan, const Ownership& ownership) const {
@@ -388,6 +404,13 @@ Source::Texel Source::nearest_owned(const Orphan& orphan, const Ownership& owner
     break;
   }
   return texel;
+}
+
+// Of neighbours in a row.
+void Source::write_texels(int n, const Orphan* orphans, const Texel* values) {
+  float row[most_together * 4];
+  for (int i = 0; i < n; ++i) std::copy_n(values[i].data(), channels_, row + i * channels_);
+  write_row(orphans[0].face, orphans[0].x, orphans[0].y, n, row);
 }
 
 // To the own copy where it is inside the face, and to every strip that holds some of it.

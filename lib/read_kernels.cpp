@@ -39,6 +39,41 @@ inline const LanczosTable& lanczos_table() {
   return table;
 }
 
+// The modified Bessel function of the first kind, order 0, to rounding for |x| <= 8: its power series.
+inline double bessel_i0(double x) {
+  const double q = 0.25 * x * x;
+  double sum = 1, term = 1;
+  for (int k = 1; k < 28; ++k) term *= q / (k * k), sum += term;
+  return sum;
+}
+
+// Of interpolate_sinc(), for 1024 fractions, normalised; linear between them.
+struct SincTable {
+  static constexpr double beta = 7.5;
+  std::array<std::array<float, sinc_taps>, 1025> rows;
+  SincTable() {
+    for (std::size_t i = 0; i <= 512; ++i) {
+      const double f = static_cast<double>(i) / 1024, sine = std::sin(M_PI * f);  // of pi t, but for the sign
+      std::array<double, sinc_taps> w;
+      double sum = 0;
+      for (int k = 0; k < sinc_taps; ++k) {
+        const double t = k - (sinc_taps / 2 - 1) - f, r = t / (sinc_taps / 2);
+        double value = 0;
+        if (std::abs(r) < 1)
+          value = bessel_i0(beta * std::sqrt(1 - r * r)) * (t == 0 ? 1.0 : (k % 2 ? -sine : sine) / (M_PI * t));
+        w[static_cast<std::size_t>(k)] = value;
+        sum += value;
+      }
+      for (std::size_t k = 0; k < sinc_taps; ++k) rows[i][k] = static_cast<float>(w[k] / sum);
+      std::reverse_copy(rows[i].begin(), rows[i].end(), rows[1024 - i].begin());
+    }
+  }
+};
+inline const SincTable& sinc_table() {
+  static const SincTable table;
+  return table;
+}
+
 }  // namespace envconv
 #endif
 
@@ -243,6 +278,14 @@ HWY_INLINE V add_texels(V v) {
   }
 }
 
+template <class V>
+HWY_INLINE hn::Vec<hn::CappedTag<float, 4>> first_four(V v) {
+  if constexpr (hn::MaxLanes(hn::DFromV<V>()) <= 4)
+    return v;
+  else
+    return first_four(hn::LowerHalf(v));
+}
+
 template <Kernel kernel, int channels>
 void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
   constexpr int count = taps(kernel);
@@ -288,13 +331,7 @@ void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_REST
       total = chunks == 1 ? hn::Mul(sum, across) : hn::MulAdd(sum, across, total);
     }
     total = add_texels<std::min(count, per_chunk), channels>(total);
-    hn::Vec<decltype(d4)> four;
-    if constexpr (lanes == 4)
-      four = total;
-    else if constexpr (lanes == 8)
-      four = hn::LowerHalf(total);
-    else
-      four = hn::LowerHalf(hn::LowerHalf(total));
+    hn::Vec<decltype(d4)> four = first_four(total);
     if constexpr (channels == 3) four = hn::IfThenElse(hn::FirstN(d4, 3), four, hn::Set(d4, weight[i]));
     hn::StoreU(four, d4, out);
   }
@@ -318,29 +355,71 @@ void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, con
   channels == 3 ? sum_of<3>(kernel, n, windows, ahead, weight, out) : sum_of<4>(kernel, n, windows, ahead, weight, out);
 }
 
-template <int channels>
-void sum_window_of(const float* HWY_RESTRICT texels, std::ptrdiff_t pitch, const float* HWY_RESTRICT wx,
-                   const float* HWY_RESTRICT wy, float* HWY_RESTRICT out) {
-  constexpr int side = 8;
-  const hn::CappedTag<float, 16> d;
-  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
-  constexpr int vectors = (side * channels + lanes - 1) / lanes;
-  HWY_ALIGN float columns[vectors * lanes];
-  for (int k = 0; k < vectors; ++k) {
-    auto sum = hn::Zero(d);
-    for (int j = 0; j < side; ++j)
-      sum = hn::MulAdd(hn::Set(d, wy[j]), hn::LoadU(d, texels + j * pitch + k * lanes), sum);
-    hn::Store(sum, d, columns + k * lanes);
-  }
-  for (int c = 0; c < channels; ++c) {
-    float sum = 0;
-    for (int i = 0; i < side; ++i) sum += wx[i] * columns[i * channels + c];
-    out[c] = sum;
+// The weights of taps at fraction f.
+HWY_INLINE void sinc_weights(float f, float* HWY_RESTRICT w) {
+  const SincTable& table = sinc_table();
+  const float x = f * 1024.0f;
+  const std::size_t i = std::min<std::size_t>(static_cast<std::size_t>(x), 1023);
+  const hn::CappedTag<float, sinc_taps> d;
+  const auto t = hn::Set(d, x - static_cast<float>(i));
+  for (std::size_t k = 0; k < sinc_taps; k += hn::Lanes(d)) {
+    const auto a = hn::LoadU(d, &table.rows[i][k]), b = hn::LoadU(d, &table.rows[i + 1][k]);
+    hn::StoreU(hn::MulAdd(t, hn::Sub(b, a), a), d, w + k);
   }
 }
 
-void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float* wx, const float* wy, float* out) {
-  channels == 3 ? sum_window_of<3>(texels, pitch, wx, wy, out) : sum_window_of<4>(texels, pitch, wx, wy, out);
+// As sum_of(), but for more taps, whose weights along a row come from one vector.
+template <int channels>
+void interpolate_sinc_of(int n, const SincWindow* HWY_RESTRICT windows, float* HWY_RESTRICT out) {
+#if HWY_TARGET == HWY_SCALAR
+  for (int i = 0; i < n; ++i, out += 4) {
+    float wx[sinc_taps], wy[sinc_taps];
+    sinc_weights(windows[i].fx, wx), sinc_weights(windows[i].fy, wy);
+    std::fill_n(out, 4, 0.0f);
+    for (int k = 0; k < sinc_taps; ++k)
+      for (int c = 0; c < channels; ++c) {
+        float sum = 0;
+        for (int j = 0; j < sinc_taps; ++j) sum += wy[j] * windows[i].first[j * windows[i].pitch + k * channels + c];
+        out[c] += wx[k] * sum;
+      }
+  }
+#else
+  const SumLanes<sinc_taps * channels> d;
+  using V = hn::Vec<decltype(d)>;
+  constexpr int lanes = static_cast<int>(hn::MaxLanes(decltype(d)()));
+  constexpr int per_chunk = lanes / channels, chunks = (sinc_taps + per_chunk - 1) / per_chunk;
+  const hn::CappedTag<float, 4> d4;
+  for (int i = 0; i < n; ++i, out += 4) {
+    alignas(64) float wx[16] = {}, wy[16];
+    sinc_weights(windows[i].fx, wx), sinc_weights(windows[i].fy, wy);
+    const std::ptrdiff_t pitch = windows[i].pitch;
+    V total = hn::Zero(d);
+    for (int c = 0; c < chunks; ++c) {
+      const int first = c * per_chunk, last = std::min(sinc_taps, first + per_chunk) - 1;
+      const float* HWY_RESTRICT from = windows[i].first + first * channels;
+      V sum = hn::Mul(hn::Set(d, wy[0]), hn::LoadU(d, from));
+      for (int j = 1; j < sinc_taps; ++j) sum = hn::MulAdd(hn::Set(d, wy[j]), hn::LoadU(d, from + j * pitch), sum);
+      // What lies past the window may be no number, and no weight makes up for that.
+      if (last + 1 < first + per_chunk)
+        sum = hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>((last + 1 - first) * channels)), sum);
+      if constexpr (lanes <= 4) {
+        total = hn::MulAdd(sum, hn::Set(d, wx[first]), total);
+      } else {
+        alignas(64) std::int32_t tap[16];
+        for (int l = 0; l < 16; ++l) tap[l] = std::min(first + l / channels, sinc_taps - 1);
+        total = hn::MulAdd(sum, hn::TableLookupLanes(hn::Load(d, wx), hn::SetTableIndices(d, tap)), total);
+      }
+    }
+    total = add_texels<std::min(sinc_taps, per_chunk), channels>(total);
+    hn::Vec<decltype(d4)> four = first_four(total);
+    if constexpr (channels == 3) four = hn::IfThenElseZero(hn::FirstN(d4, 3), four);
+    hn::StoreU(four, d4, out);
+  }
+#endif
+}
+
+void interpolate_sinc(int channels, int n, const SincWindow* windows, float* out) {
+  channels == 3 ? interpolate_sinc_of<3>(n, windows, out) : interpolate_sinc_of<4>(n, windows, out);
 }
 
 void combine_rows(int n, int count, const float* HWY_RESTRICT weight, const float* const* rows,
@@ -454,7 +533,7 @@ namespace envconv {
 
 HWY_EXPORT(make_windows);
 HWY_EXPORT(sum_windows);
-HWY_EXPORT(sum_window);
+HWY_EXPORT(interpolate_sinc);
 HWY_EXPORT(combine_samples);
 HWY_EXPORT(combine_rows);
 HWY_EXPORT(point_windows);
@@ -479,9 +558,8 @@ void combine_rows(int n, int count, const float* weight, const float* const* row
   HWY_DYNAMIC_DISPATCH(combine_rows)(n, count, weight, rows, out);
 }
 
-void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float wx[8], const float wy[8],
-                float* out) {
-  HWY_DYNAMIC_DISPATCH(sum_window)(channels, texels, pitch, wx, wy, out);
+void interpolate_sinc(int channels, int n, const SincWindow* windows, float* out) {
+  HWY_DYNAMIC_DISPATCH(interpolate_sinc)(channels, n, windows, out);
 }
 
 void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,

@@ -69,10 +69,18 @@ int point_windows(const WindowField& field, int channels, const float* face, int
 void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out,
                  std::ptrdiff_t ahead = 0);
 
-/// out[channels] (3 or 4) = weighted sum over a window of 8 x 8 texels, `pitch` floats from row to row; loads reach up
-/// to 8 floats past a row.
-void sum_window(int channels, const float* texels, std::ptrdiff_t pitch, const float wx[8], const float wy[8],
-                float* out);
+/// A window of sinc_taps x sinc_taps texels around a place: its first texel, floats from row to row, and how far right
+/// of and below the window's fourth column and row the place lies: [0, 1].
+struct SincWindow {
+  const float* first;
+  std::ptrdiff_t pitch;
+  float fx, fy;
+};
+inline constexpr int sinc_taps = 8;
+
+/// out[i][4] = what stands at window i's place by a sinc under a Kaiser window (beta 7.5), from `channels` (3 or 4)
+/// floats a texel; of three channels the fourth is 0.  Loads reach up to 16 floats past a window's row.
+void interpolate_sinc(int channels, int n, const SincWindow* windows, float* out);
 
 /// out[i] = sum over k < count of weight[k] * rows[k][i], for i < n; n rounded up to 16 are touched.
 void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);

@@ -196,20 +196,30 @@ class Source {
     std::int32_t face, x, y, width, height;
     std::int32_t from_face;
     double from_x[4][4], from_y[4][4];
-    Orphan at(int i, int j) const;
+    void row(int j, Orphan* out) const;  // of `width` orphans
+  };
+  // A rectangle of orphans so far from what their face owns that nothing ever reads them.
+  struct UnreadPatch {
+    std::int32_t face, x, y, width, height;
   };
   struct Orphans {
+    std::vector<UnreadPatch> unread;  // not visited by for_each()
     std::vector<ExactPatch> exact;
     std::vector<SmoothPatch> smooth;
     std::vector<Orphan> others;
     template <class Visit>
     void for_each(const Visit& visit) const {
-      const auto all = [&](const auto& patch) {
+      for (const ExactPatch& patch : exact)
         for (int j = 0; j < patch.height; ++j)
           for (int i = 0; i < patch.width; ++i) visit(patch.at(i, j));
-      };
-      for (const ExactPatch& patch : exact) all(patch);
-      for (const SmoothPatch& patch : smooth) all(patch);
+      std::vector<Orphan> row;
+      for (const SmoothPatch& patch : smooth) {
+        row.resize(static_cast<std::size_t>(patch.width));
+        for (int j = 0; j < patch.height; ++j) {
+          patch.row(j, row.data());
+          for (const Orphan& orphan : row) visit(orphan);
+        }
+      }
       for (const Orphan& orphan : others) visit(orphan);
     }
   };
@@ -239,7 +249,8 @@ class Source {
   bool find_smooth_patch(int face, int x, int y, int width, int height, Orphans& orphans) const;
   void adopt(const Orphans& orphans);
   void adopt_patch(const ExactPatch& patch);
-  Texel interpolate(const Orphan& orphan) const;
+  void interpolate(int n, const Orphan* orphans, Texel* values) const;
+  void write_texels(int n, const Orphan* orphans, const Texel* values);
   Texel nearest_owned(const Orphan& orphan, const Ownership& ownership) const;
   void copy_highlights(const Orphans& orphans);
   void repeat_highlights();
