@@ -22,7 +22,7 @@ inline constexpr double pi = std::numbers::pi;
 template <std::size_t N>
 struct Table {
   double d[N]{};
-  float f[N]{};
+  float f[(N + 15) / 16 * 16]{};  // whole vectors
   constexpr Table() = default;
   template <class... T>
   constexpr explicit Table(T... values) : d{static_cast<double>(values)...}, f{static_cast<float>(values)...} {}

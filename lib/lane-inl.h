@@ -70,8 +70,21 @@ struct Lane {
 
   template <std::size_t N>
   ENVCONV_WORD Lane lookup(const Table<N>& table, Lane i) {
+    const LaneTag d;
     const hn::RebindToSigned<LaneTag> di;
-    return hn::GatherIndex(LaneTag(), table.f, hn::ConvertTo(di, i.v));
+    const auto index = hn::ConvertTo(di, i.v);
+    // Gathers are slow: tables that fit into a vector or two are permuted.
+    constexpr std::size_t lanes = hn::MaxLanes(LaneTag());
+    if constexpr (lanes >= 8 && N <= 2 * lanes) {
+      const auto in = [&](std::size_t first) HWY_ATTR { return hn::LoadU(d, table.f + first); };
+      const auto within = hn::IndicesFromVec(d, hn::And(index, hn::Set(di, static_cast<std::int32_t>(lanes) - 1)));
+      const auto low = hn::TableLookupLanes(in(0), within);
+      if constexpr (N <= lanes) return low;
+      const auto beyond = hn::RebindMask(d, hn::Gt(index, hn::Set(di, static_cast<std::int32_t>(lanes) - 1)));
+      return hn::IfThenElse(beyond, hn::TableLookupLanes(in(lanes), within), low);
+    } else {
+      return hn::GatherIndex(d, table.f, index);
+    }
   }
 
   // Polynomials: minimax fits by iteratively reweighted Chebyshev least squares; the errors given are of the exact
