@@ -33,11 +33,7 @@ bool Layout::owns(int face, double u, double v) const {
   switch (info_.domain) {
     case Domain::square: return u >= 0 && u <= 1 && v >= 0 && v <= 1;
     case Domain::disc: return (2 * u - 1) * (2 * u - 1) + (2 * v - 1) * (2 * v - 1) <= 1;
-    case Domain::overlap: {
-      if (u < 0 || u > 1 || v < 0 || v > 1) return false;
-      const Location back = locate(direction(face, u, v));
-      return back.face == face && std::abs(back.u - u) + std::abs(back.v - v) < 1e-6;
-    }
+    case Domain::overlap: return u >= 0 && u <= 1 && v >= 0 && v <= 1 && kernels_.owner(face, u, v) == face;
   }
   return false;
 }

@@ -35,6 +35,7 @@ struct LayoutInfo {
   Domain domain = Domain::square;
   bool equal_area = false;  ///< every texel of every face spans the same solid angle (a law checks the claim)
   bool zonal = false;       ///< all texels of a row span the same solid angle (a law checks the claim)
+  bool congruent = false;   ///< the same part of every face is owned and spans the same solid angle (a law checks it)
   bool conformal = false;   ///< locally free of anisotropy (a law checks the claim)
   Placement placement = Placement::centre;
   /// The frame that the name implies, applied after the user's: "world" for all but mirror-ball, whose picture is, as a
@@ -62,6 +63,7 @@ struct LayoutKernels {
   Vec3 (*direction)(int face, double u, double v);
   DirectionJet (*direction_jet)(int face, double u, double v);
   Location (*locate)(Vec3 d);
+  int (*owner)(int face, double u, double v);  // the face that owns the direction of a face point
   void (*directions)(int face, std::size_t n, const float* u, const float* v, float* x, float* y, float* z);
   void (*locations)(std::size_t n, const float* x, const float* y, const float* z, float* face, float* u, float* v);
 };

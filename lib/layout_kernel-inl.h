@@ -123,6 +123,15 @@ Location locate_double(Vec3 d) {
   Kernel::locate(d, face, u, v);
   return {static_cast<int>(face), min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)};
 }
+// Its coordinates there are not computed: -fno-math-errno lets the compiler leave their functions out.
+template <class Kernel>
+int owner_double(int face, double u, double v) {
+  Vec3 d;
+  Kernel::direction(face, u, v, d);
+  double owner, ignored_u, ignored_v;
+  Kernel::locate(d, owner, ignored_u, ignored_v);
+  return static_cast<int>(owner);
+}
 
 }  // namespace envconv::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -142,6 +151,7 @@ HWY_AFTER_NAMESPACE();
             target::direction_double<target::symbol>,                                                            \
             target::direction_jet<target::symbol>,                                                               \
             target::locate_double<target::symbol>,                                                               \
+            target::owner_double<target::symbol>,                                                                \
             [](int face, std::size_t n, const float* u, const float* v, float* x, float* y, float* z) {          \
               HWY_DYNAMIC_DISPATCH(directions_##symbol)(face, n, u, v, x, y, z);                                 \
             },                                                                                                   \

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,7 +20,8 @@ namespace envconv {
 namespace {
 
 constexpr int most_block = visit_side;
-constexpr double widest_patch = 0.26;  // of a face: where 8 nodes a side are enough for a cube's
+constexpr double widest_patch = 0.26;        // of a face: where 8 nodes a side are enough for a cube's
+constexpr double smallest_bent = 1.0 / 128;  // where 3 are, and creases matter
 
 struct Interval {
   double lo, hi;
@@ -65,7 +67,7 @@ double gauss(const Layout& layout, int face, Interval u, Interval v, const std::
   return sum * u.length() * v.length();
 }
 
-// And with two, for triangles.
+// And with two, for triangles and for small pieces.
 constexpr std::array<double, 2> fewest_nodes = {0.2113248654051871, 0.7886751345948129};
 constexpr std::array<double, 2> fewest_weights = {0.5, 0.5};
 
@@ -165,17 +167,41 @@ std::array<double, 4> gauss_triangles(const Layout& layout, int face, Interval u
   return sums;
 }
 
+// The same with a node each, in their centres of gravity.
+std::array<double, 4> rough_triangles(const Layout& layout, int face, Interval u, Interval v) {
+  const double w = 0.25 * u.length() * v.length();
+  constexpr double low = 1.0 / 6, high = 5.0 / 6;
+  return {w * density(layout, face, u.at(0.5), v.at(low)), w * density(layout, face, u.at(0.5), v.at(high)),
+          w * density(layout, face, u.at(low), v.at(0.5)), w * density(layout, face, u.at(high), v.at(0.5))};
+}
+
+// The triangles' sum, if the rougher rule agrees with it.
+std::optional<double> agreed(const std::array<double, 4>& triangles, const std::array<double, 4>& rougher) {
+  const double sum = std::reduce(triangles.begin(), triangles.end());
+  const auto agree = [&](double a, double b) { return std::abs(a - b) <= 2.5e-7 * sum; };
+  if (!std::equal(triangles.begin(), triangles.end(), rougher.begin(), agree)) return std::nullopt;
+  return sum;
+}
+
+constexpr double smallest_piece = 1.0 / 256;  // of a face: where the rules of fewest nodes mostly do
+
 // Quarters until the integral is certain.
 double integrate_whole(const Layout& layout, int face, Interval u, Interval v, int depth = 0) {
-  if (std::max(u.length(), v.length()) <= widest_piece) {
+  const double extent = std::max(u.length(), v.length());
+  if (extent <= smallest_piece && depth == 0) {
+    // A crease makes a difference between the two.
+    const double whole = gauss(layout, face, u, v, fewest_nodes, fewest_weights);
+    const auto rough = rough_triangles(layout, face, u, v);
+    if (std::abs(std::reduce(rough.begin(), rough.end()) - whole) <= 1e-6 * whole) return whole;
+    if (const auto sum = agreed(gauss_triangles(layout, face, u, v, fewest_nodes, fewest_weights), rough)) return *sum;
+  }
+  if (extent <= widest_piece) {
     const double whole = gauss(layout, face, u, v, nodes, weights);
     if (depth == most_depth) return whole;
     if (std::abs(gauss(layout, face, u, v, fewer_nodes, fewer_weights) - whole) <= 1e-6 * whole) return whole;
-    const auto triangles = gauss_triangles(layout, face, u, v, fewer_nodes, fewer_weights);
-    const auto rough = gauss_triangles(layout, face, u, v, fewest_nodes, fewest_weights);
-    const auto agree = [&](double a, double b) { return std::abs(a - b) <= 2.5e-7 * whole; };
-    if (std::equal(triangles.begin(), triangles.end(), rough.begin(), agree))
-      return std::reduce(triangles.begin(), triangles.end());
+    if (const auto sum = agreed(gauss_triangles(layout, face, u, v, fewer_nodes, fewer_weights),
+                                gauss_triangles(layout, face, u, v, fewest_nodes, fewest_weights)))
+      return *sum;
     ++depth;
   }
   return Quarters(u, v).sum([&](Interval a, Interval b) { return integrate_whole(layout, face, a, b, depth); });
@@ -226,6 +252,7 @@ struct Interpolation {
     }
   }
 };
+constexpr Interpolation<3> three({-0.7745966692414834, 0, 0.7745966692414834});
 constexpr Interpolation<5> five({-0.9061798459386640, -0.5384693101056831, 0, 0.5384693101056831, 0.9061798459386640});
 constexpr Interpolation<8> eight({-0.9602898564975363, -0.7966664774136267, -0.5255324099163290, -0.1834346424956498,
                                   0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363});
@@ -341,7 +368,7 @@ Owned owned_part(const Grid& grid, Interval u, Interval v) {
 void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double* out, std::size_t stride) {
   const Interval u{grid.u[x0], grid.u[x0 + nx]}, v{grid.v[y0], grid.v[y0 + ny]};
   const double extent = std::max(u.length(), v.length());
-  if (nx * ny > 2 && extent <= widest_patch) {
+  if (nx * ny > 4 && extent <= widest_patch) {
     const Owned owned = owned_part(grid, u, v);
     if (owned == Owned::none) {
       for (int y = 0; y < ny; ++y) std::fill_n(out + static_cast<std::size_t>(y) * stride, nx, 0.0);
@@ -349,8 +376,16 @@ void block_solid_angles(const Grid& grid, int x0, int y0, int nx, int ny, double
     }
     Patch patch;
     Fit result = owned == Owned::all ? Fit::near : Fit::none;
-    if (result == Fit::near && extent <= 0.5 * widest_patch) result = fit(grid.layout, grid.face, u, v, five, patch);
-    if (result == Fit::near && nx * ny > 4) result = fit(grid.layout, grid.face, u, v, eight, patch);
+    const auto try_fit = [&](const auto& by) {
+      if (result == Fit::near) result = fit(grid.layout, grid.face, u, v, by, patch);
+    };
+    // In small blocks it is a crease that bends the density, and no degree is high enough.
+    if (extent <= smallest_bent) {
+      try_fit(three);
+    } else {
+      if (extent <= 0.5 * widest_patch) try_fit(five);
+      try_fit(eight);
+    }
     if (result == Fit::good) return integrate_patch(patch, grid.u + x0, nx, grid.v + y0, ny, out, stride);
   }
   if (std::max(nx, ny) > 2) {
@@ -436,11 +471,10 @@ void add_block(const Image& image, int x0, int y0, int nx, int ny, const double*
   }
 }
 
-// Sums over texels of a band of rows, most_block at most.
+// Sums over texels of a band of rows, most_block at most, of a face and of those alike.
 class BandSums {
  public:
-  BandSums(const EnvImage& image, int face, int y0, int rows)
-      : image_(image), pixels_(image.faces[static_cast<std::size_t>(face)]), face_(face), y0_(y0), rows_(rows) {
+  BandSums(const EnvImage& image, int face, int y0, int rows) : image_(image), face_(face), y0_(y0), rows_(rows) {
     ENVCONV_ASSERT(rows <= most_block);
     const LayoutInfo& info = image.layout->info();
     // Where centres lie on edges, texels there are halves.
@@ -450,35 +484,54 @@ class BandSums {
   }
 
   // Columns [x0, x0 + nx).
-  void add(int x0, int nx, double* sums) {
+  void add(int face, int x0, int nx, double* sums) {
+    const Image& pixels = image_.faces[static_cast<std::size_t>(face)];
     if (rows_alike_)
-      return add_rows(pixels_.channels(), nx, rows_, pixels_.at(x0, y0_),
-                      static_cast<std::ptrdiff_t>(pixels_.width()) * pixels_.channels(), omega_, sums);
+      return add_rows(pixels.channels(), nx, rows_, pixels.at(x0, y0_),
+                      static_cast<std::ptrdiff_t>(pixels.width()) * pixels.channels(), omega_, sums);
     // So few at once that they stay in the cache.
     for (int x = x0; x < x0 + nx; x += most_block) {
       const int width = std::min(most_block, x0 + nx - x);
-      solid_angles(x, width);
-      add_block(pixels_, x, y0_, width, rows_, omega_, sums);
+      if (x != x_ || width != width_) solid_angles(x, width);
+      add_block(pixels, x, y0_, width, rows_, omega_, sums);
     }
   }
 
  private:
   void solid_angles(int x, int width) {
-    texel_solid_angles(*image_.layout, face_, {pixels_.width(), pixels_.height()}, image_.placement, x, y0_, width,
-                       rows_, omega_);
+    const Image& pixels = image_.faces[static_cast<std::size_t>(face_)];
+    texel_solid_angles(*image_.layout, face_, {pixels.width(), pixels.height()}, image_.placement, x, y0_, width, rows_,
+                       omega_);
+    x_ = x, width_ = width;
   }
   const EnvImage& image_;
-  const Image& pixels_;
   int face_, y0_, rows_;
   bool rows_alike_;
+  int x_ = -1, width_ = 0;                 // of the columns that omega_ is about
   double omega_[most_block * most_block];  // of texels, or of a texel of each row
 };
+
+// Faces in groups whose texels span the same solid angles.
+std::vector<std::vector<int>> alike_faces(const EnvImage& image) {
+  std::vector<std::vector<int>> groups;
+  for (int f = 0; f < image.layout->face_count(); ++f) {
+    const auto size = [&](int face) {
+      const Image& pixels = image.faces[static_cast<std::size_t>(face)];
+      return std::pair(pixels.width(), pixels.height());
+    };
+    if (f > 0 && image.layout->info().congruent && size(f) == size(0))
+      groups.front().push_back(f);
+    else
+      groups.push_back({f});
+  }
+  return groups;
+}
 
 }  // namespace
 
 void add_to_sums(const EnvImage& image, int face, int x0, int y0, int nx, int ny, double* sums) {
   for (int y = y0; y < y0 + ny; y += most_block)
-    BandSums(image, face, y, std::min(most_block, y0 + ny - y)).add(x0, nx, sums);
+    BandSums(image, face, y, std::min(most_block, y0 + ny - y)).add(face, x0, nx, sums);
 }
 
 SphereMean mean_of_sums(std::span<const double> sums) {
@@ -496,19 +549,21 @@ SphereMean sphere_mean(const EnvImage& image) { return sphere_mean(image, {}); }
 SphereMean sphere_mean(const EnvImage& image, const std::function<void(int, int, int, int, int)>& visit) {
   const std::size_t count = sphere_sums(image.channels.count());
   std::vector<double> sums(count, 0.0);
-  for (int f = 0; f < image.layout->face_count(); ++f) {
-    const Image& face = image.faces[static_cast<std::size_t>(f)];
+  for (const std::vector<int>& group : alike_faces(image)) {
+    const Image& face = image.faces[static_cast<std::size_t>(group.front())];
     constexpr int band_rows = most_block;
     const int bands = (face.height() + band_rows - 1) / band_rows;
     // Partial sums by band, added up in order: the same result from any number of threads.
     std::vector<double> partial(static_cast<std::size_t>(bands) * count, 0.0);
     tbb::parallel_for(0, bands, [&](int band) {
       const int y0 = band * band_rows, ny = std::min(band_rows, face.height() - y0);
-      BandSums band_sums(image, f, y0, ny);
+      BandSums band_sums(image, group.front(), y0, ny);
       for (int x0 = 0; x0 < face.width(); x0 += most_block) {
         const int nx = std::min(most_block, face.width() - x0);
-        band_sums.add(x0, nx, &partial[static_cast<std::size_t>(band) * count]);
-        if (visit) visit(f, x0, y0, nx, ny);
+        for (const int f : group) {
+          band_sums.add(f, x0, nx, &partial[static_cast<std::size_t>(band) * count]);
+          if (visit) visit(f, x0, y0, nx, ny);
+        }
       }
     });
     for (std::size_t i = 0; i < partial.size(); ++i) sums[i % count] += partial[i];

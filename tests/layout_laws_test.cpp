@@ -152,7 +152,7 @@ TEST_P(Laws, L06_OwnedPointsCoverTheSphereOnce) {
   EXPECT_NEAR(sum / (4 * pi), 1, tolerance);
 }
 
-TEST_P(Laws, L07_EqualAreaZonalAndConformalAsDeclared) {
+TEST_P(Laws, L07_EqualAreaZonalCongruentAndConformalAsDeclared) {
   double area_min = 1e300, area_max = 0, anisotropy = 0, along_rows = 0;
   for (const auto& [face, u, v] : owned_points(2000, 7)) {
     const DirectionJet jet = layout().direction_jet(face, u, v);
@@ -171,6 +171,21 @@ TEST_P(Laws, L07_EqualAreaZonalAndConformalAsDeclared) {
     EXPECT_LT(along_rows, 1e-9);
   else
     EXPECT_GT(along_rows, 0.01) << "deserves zonal";
+  double between_faces = 0;
+  for (const auto& [face, u, v] : owned_points(500, 8)) {
+    const auto density = [&](int f) {
+      const DirectionJet jet = layout().direction_jet(f, u, v);
+      return length(cross(jet.du, jet.dv));
+    };
+    for (int f = 0; f < layout().face_count(); ++f) {
+      between_faces = std::max(between_faces, std::abs(density(f) / density(face) - 1));
+      if (info().congruent) EXPECT_TRUE(layout().owns(f, u, v)) << "face " << f << " at " << u << ", " << v;
+    }
+  }
+  if (info().congruent)
+    EXPECT_LT(between_faces, 1e-9);
+  else if (layout().face_count() > 1)
+    EXPECT_GT(between_faces, 0.01) << "deserves congruent";
   if (info().conformal)
     EXPECT_NEAR(anisotropy, 1, 1e-6);
   else

@@ -59,6 +59,7 @@ struct cube {
                 "Six perspective views of 90 degrees, in the order and orientation of OpenGL, Vulkan, Direct3D and "
                 "WebGPU. Texels at the corners span a fifth of the solid angle of those at the centres.",
             .faces = cube_faces,
+            .congruent = true,
             .rows = cube_rows};
   }
   template <class F>
@@ -83,6 +84,7 @@ struct equi_angular_cube {
         .source = "Brown, Bringing pixels front and center in VR video, Google 2017",
         .notes = "The cube's faces with texels spaced by equal angles. Texels' solid angles differ by 1.41 at most.",
         .faces = cube_faces,
+        .congruent = true,
         .rows = cube_rows};
   }
   template <class F>
@@ -119,6 +121,7 @@ struct openexr_cube {
                 "un-mirrored from inside, with texel centres on the faces' edges. Written to an EXR file it "
                 "carries OpenEXR's envmap attribute.",
             .faces = cube_faces,
+            .congruent = true,
             .placement = Placement::inclusive,
             .rows = column};
   }

@@ -312,6 +312,7 @@ struct diamond_6 : diamonds<6> {
             "Three diamonds about each pole: the equi-angular idea on the faces of a cube turned so that two of its "
             "corners are +Y and -Y. The left upper corner of faces d0 to d2 is +Y.",
         .faces = std::span(diamond_sets::faces).first(6),
+        .congruent = true,
         .rows = rows,
         .max_error = 0.004};
   }
@@ -324,6 +325,7 @@ struct diamond_8 : diamonds<8> {
             .source = "Crider, Tiling the Sphere with Diamonds, sec. 3, eq. 1-7",
             .notes = "Four diamonds about each pole. The left upper corner of faces d0 to d3 is +Y.",
             .faces = std::span(diamond_sets::faces).first(8),
+            .congruent = true,
             .rows = rows,
             .max_error = 0.004};
   }
@@ -338,6 +340,7 @@ struct diamond_10 : diamonds<10> {
                 "Five diamonds about each pole, with the vertices of an icosahedron. The left upper corner of faces d0 "
                 "to d4 is +Y.",
             .faces = std::span(diamond_sets::faces).first(10),
+            .congruent = true,
             .rows = rows,
             .max_error = 0.004};
   }
@@ -352,6 +355,7 @@ struct diamond_12 : diamonds<12> {
                 "Four diamonds about each pole and four around the equator. The left upper corner of faces d0 to d3 is "
                 "+Y.",
             .faces = std::span(diamond_sets::faces).first(12),
+            .congruent = true,
             .rows = rows,
             .max_error = 0.005};
   }
@@ -367,6 +371,7 @@ struct diamond_30 : diamonds<30> {
             "One diamond over each edge of an icosahedron that stands on a vertex. The left upper corner of faces d0 "
             "to d4 is +Y.",
         .faces = diamond_sets::faces,
+        .congruent = true,
         .rows = rows,
         .max_error = 0.006};
   }

@@ -40,6 +40,7 @@ struct healpix {
             "is +Z.",
         .faces = faces,
         .equal_area = true,
+        .congruent = true,
         .rows = rows,
         .max_error = 0.0045};
   }

@@ -34,6 +34,7 @@ struct isocube {
                 "table lacks an entry for azimuth -pi/4 exactly.",
             .faces = faces,
             .equal_area = true,
+            .congruent = true,
             .rows = rows,
             .max_error = 0.003};
   }

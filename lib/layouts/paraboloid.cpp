@@ -26,6 +26,7 @@ struct paraboloid {
                 "corners beyond a disc hold the true radiance of the other hemisphere.",
             .faces = faces,
             .domain = Domain::overlap,
+            .congruent = true,
             .conformal = true,
             .rows = rows,
             .max_error = 0.0025};

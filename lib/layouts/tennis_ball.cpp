@@ -31,6 +31,7 @@ struct tennis_ball {
             .faces = faces,
             .domain = Domain::overlap,
             .zonal = true,
+            .congruent = true,
             .rows = rows,
             .max_error = 0.002};
   }
