@@ -164,8 +164,8 @@ class Resampler {
       ratio = std::sqrt(static_cast<double>(source_.texel_count()) / static_cast<double>(out.texel_count())) /
               filter_.spacing;
     const int by_ratio = ratio <= 2.5 ? largest_tile : ratio <= 5 ? 32 : 16;
-    // A sixteenth of a face at most, over which the density is nearly a plane between the plan's nodes.
-    tile_side_ = std::clamp(out.faces.front().height() / 16, 8, by_ratio);
+    // A quarter of a face at most: a polynomial through the plan's nodes is the density, and one grid fits.
+    tile_side_ = std::clamp(out.faces.front().height() / 4, 8, by_ratio);
     for (int f = 0; f < out.layout->face_count(); ++f) {
       const Image& face = out.faces[static_cast<std::size_t>(f)];
       for (int y = 0; y < face.height(); y += tile_side_)

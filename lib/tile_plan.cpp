@@ -12,43 +12,11 @@ constexpr double sliver_limit = 1.375;    // longest side over shortest that the
 constexpr double rim = 0.5 * (1 - 1e-6);  // of a disc, in its u and v
 constexpr int sliver_samples = 24;        // samples a side where highlights lie on slivers
 
-// Whether the map's derivatives jump somewhere: between two of five points in a row they change much more than between
-// the others.  Creases are straight or nearly so, and jumps of the size of the derivatives themselves.
-bool jumps(const Vec3 (&d)[5]) {
-  double change[4];
-  for (int i = 0; i < 4; ++i) {
-    change[i] = length(d[i + 1] - d[i]);
-    if (!std::isfinite(change[i])) return true;
-  }
-  std::sort(change, change + 4);
-  return change[3] > 3 * change[1] + 0.05 * length(d[2]);
-}
-
-// Of the tile, and the texels around it that a grid's weights reach.
-bool is_creased(const EnvImage& out, const Tile& tile) {
-  constexpr int nodes = 5;
-  const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-  const double wide = tile.width + 2 * grid_reach, high = tile.height + 2 * grid_reach;
-  DirectionJet jets[nodes][nodes];
-  for (int j = 0; j < nodes; ++j)
-    for (int i = 0; i < nodes; ++i)
-      jets[j][i] = out.layout->direction_jet(
-          tile.face, u_from_texel(tile.x0 - 0.5 - grid_reach + wide * i / (nodes - 1), face.width(), out.placement),
-          u_from_texel(tile.y0 - 0.5 - grid_reach + high * j / (nodes - 1), face.height(), out.placement));
-  for (const auto derivative : {&DirectionJet::du, &DirectionJet::dv})
-    for (int k = 0; k < nodes; ++k) {
-      Vec3 row[nodes], column[nodes];
-      for (int i = 0; i < nodes; ++i) row[i] = jets[k][i].*derivative, column[i] = jets[i][k].*derivative;
-      if (jumps(row) || jumps(column)) return true;
-    }
-  return false;
-}
-
 // The sides of the texel around a point of a disc, as chords: derivatives have no bound at some discs' rims.  What lies
 // beyond the rim is taken to it.
 std::pair<Vec3, Vec3> chords(const EnvImage& out, int face, double u, double v, double eu, double ev) {
   const auto at = [&](double a, double b) {
-    const double x = a - 0.5, y = b - 0.5, r = std::hypot(x, y), scale = r > rim ? rim / r : 1;
+    const double x = a - 0.5, y = b - 0.5, rr = x * x + y * y, scale = rr > rim * rim ? rim / std::sqrt(rr) : 1;
     return out.layout->direction(face, 0.5 + scale * x, 0.5 + scale * y);
   };
   return {at(u + 0.5 * eu, v) - at(u - 0.5 * eu, v), at(u, v + 0.5 * ev) - at(u, v - 0.5 * ev)};
@@ -161,7 +129,6 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
                                                 u_from_texel(y, face.height(), out.placement) - 0.5) < 0.5;
   }
   plan.smooth = plan.inside && least > 0.2 * most;
-  plan.creased = filter.limited && plan.smooth && is_creased(out, tile);
   if (options.samples > 0) {
     plan.ku = plan.kv = options.samples;
   } else {
@@ -196,8 +163,8 @@ RimSide rim_side(const EnvImage& out, int face, int x, int y) {
   };
   const auto [near_u, far_u] = bounds(x, pixels.width());
   const auto [near_v, far_v] = bounds(y, pixels.height());
-  if (std::hypot(far_u, far_v) <= 0.5) return RimSide::inside;
-  return std::hypot(near_u, near_v) > 0.5 ? RimSide::outside : RimSide::cut;
+  if (far_u * far_u + far_v * far_v <= 0.25) return RimSide::inside;
+  return near_u * near_u + near_v * near_v > 0.25 ? RimSide::outside : RimSide::cut;
 }
 
 }  // namespace envconv

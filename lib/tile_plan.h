@@ -51,7 +51,6 @@ struct TilePlan {
   SourceView view;       ///< from the tile's edges and its middle
   int ku = 1, kv = 1;    ///< samples a side of each texel, where texels are sampled apart
   bool inside = true;    ///< in the layout's domain, and so are the texels around that a grid's weights reach
-  bool creased = false;  ///< the map bends sharply within or close by: a grid's weights would reach across
   bool smooth = false;   ///< inside, and the density varies little enough to be sampled on a grid
 };
 

@@ -15,9 +15,40 @@ namespace {
 
 constexpr int most_ring = most_grid_steps + 6;  // rows of samples that a texel takes
 
-// Density relative to neighbours at n equal steps along a row of the tile: bilinear between the plan's nodes, and on
-// beyond them.  x and y in texels from the tile's corner.
-void densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* __restrict out) {
+// Lagrange's polynomials through -2, -1, 0, 1, 2: [node][power].
+constexpr double lagrange[5][5] = {{0, 2.0 / 24, -1.0 / 24, -2.0 / 24, 1.0 / 24},
+                                   {0, -4.0 / 6, 4.0 / 6, 1.0 / 6, -1.0 / 6},
+                                   {1, 0, -5.0 / 4, 0, 1.0 / 4},
+                                   {0, 4.0 / 6, 4.0 / 6, -1.0 / 6, -1.0 / 6},
+                                   {0, -2.0 / 24, -1.0 / 24, 2.0 / 24, 1.0 / 24}};
+static_assert(TilePlan::nodes_x == 5 && TilePlan::nodes_y == 5);
+
+// Density relative to neighbours at n equal steps along a row of the tile, by the polynomial through all of the plan's
+// nodes.  x and y in texels from the tile's corner.
+void smooth_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
+                      float* __restrict out) {
+  const double t = 4 * y / tile.height - 2;
+  double rows[5], columns[5] = {};
+  for (int k = 0; k < 5; ++k)
+    rows[k] = (((lagrange[k][4] * t + lagrange[k][3]) * t + lagrange[k][2]) * t + lagrange[k][1]) * t + lagrange[k][0];
+  for (int k = 0; k < 5; ++k)
+    for (int i = 0; i < 5; ++i) columns[i] += rows[k] * plan.density[k][i];
+  float c[5];
+  for (int m = 0; m < 5; ++m) {
+    double sum = 0;
+    for (int i = 0; i < 5; ++i) sum += lagrange[i][m] * columns[i];
+    c[m] = static_cast<float>(sum);
+  }
+  const float first = static_cast<float>(4 * x / tile.width - 2), by = static_cast<float>(4 * step / tile.width);
+  for (int i = 0; i < n; ++i) {
+    const float s = first + static_cast<float>(i) * by;
+    out[i] = (((c[4] * s + c[3]) * s + c[2]) * s + c[1]) * s + c[0];
+  }
+}
+
+// The same where the density has creases: bilinear between nodes, and on beyond them.
+void creased_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
+                       float* __restrict out) {
   const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
   const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
   const int row = std::clamp(static_cast<int>(y / high), 0, TilePlan::nodes_y - 2);
@@ -114,9 +145,11 @@ void density_slopes(const TilePlan& plan, const Tile& tile, int j, float* __rest
 
 [[maybe_unused]] bool is_no_weight(float weight) { return !(weight >= 0); }
 
-double sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, double gx, double gy) {
-  return qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)] *
-         std::max(0.0, 1 + gx * qu.offset[static_cast<std::size_t>(k)] + gy * qv.offset[static_cast<std::size_t>(m)]);
+// As it is computed for rows of samples: a texel's total is the sum of just these.
+float sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, float gx, float gy) {
+  const auto i = static_cast<std::size_t>(k), j = static_cast<std::size_t>(m);
+  const float ox = static_cast<float>(qu.offset[i]), oy = static_cast<float>(qv.offset[j]);
+  return static_cast<float>(qu.weight[i] * qv.weight[j]) * std::max(0.0f, 1.0f + gx * ox + gy * oy);
 }
 
 Tile part_of(const Tile& tile, const Met& met) {
@@ -200,7 +233,7 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile) {
 
 // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when Kernel::drooping, which
 // reads the source as it is, met a highlight: the base that is left of these is in the prefiltered blocks.
-bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, Kernel kernel,
+bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
                             const GridQuadrature& qu, const GridQuadrature& qv, Met& met) {
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const Highlights& highlights = source_.highlights();
@@ -229,7 +262,7 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
     const double y = (row - qv.before() + 0.5) * step_v;
     const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out_.placement));
     std::fill_n(w.v, padded, v);
-    if (!even) densities(plan, tile, first_u, step_u, y, nu, w.weight);
+    if (!even) (creased ? creased_densities : smooth_densities)(plan, tile, first_u, step_u, y, nu, w.weight);
     out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
     find_windows(kernel, w, nu);
     if (highlights.any()) {
@@ -277,11 +310,11 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
   return true;
 }
 
-// w.row over w.total to row j of the tile.
-void TileSampler::store_row(Workspace& w, const Tile& tile, int j) {
+// w.row over w.total to texels of row j of the tile.
+void TileSampler::store_run(Workspace& w, const Tile& tile, int j, Run run) {
   const int stored = image_.channels.count();
-  store_texels(tile.width, w.row, {w.total, 1}, lowest_, channels_, stored,
-               out_.faces[static_cast<std::size_t>(tile.face)].at(tile.x0, tile.y0 + j) + first_channel_);
+  store_texels(run.end - run.begin, w.row + 4 * run.begin, {w.total + run.begin, 1}, lowest_, channels_, stored,
+               out_.faces[static_cast<std::size_t>(tile.face)].at(tile.x0 + run.begin, tile.y0 + j) + first_channel_);
 }
 
 // Calls visit(n) for every batch of samples of texels [run.begin, run.end) in row j of the tile, taken in turn, with
@@ -303,7 +336,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
     if (cut[i] || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
     double sum = 0;  // some weights are cut off at 0
     for (int m = 0; m < qv.count(); ++m)
-      for (int k = 0; k < qu.count(); ++k) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+      for (int k = 0; k < qu.count(); ++k) sum += static_cast<double>(sample_weight(qu, qv, k, m, gx[i], gy[i]));
     total[i] = static_cast<float>(sum);
   }
   const auto centred = [&](int i, int k, double offset_y, double& a, double& b) {
@@ -319,7 +352,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
         for (int k = 0; k < qu.count(); ++k) {
           double a, b;
           centred(i, k, qv.offset[static_cast<std::size_t>(m)], a, b);
-          if (a * a + b * b <= 1) sum += sample_weight(qu, qv, k, m, gx[i], gy[i]);
+          if (a * a + b * b <= 1) sum += static_cast<double>(sample_weight(qu, qv, k, m, gx[i], gy[i]));
         }
       outside[i] = !(sum > 0);
       total[i] = outside[i] ? 1.0f : static_cast<float>(sum);
@@ -380,13 +413,8 @@ void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
 void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met) {
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
   const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers;
-  if (grid && !tile_plan.creased) {
-    const bool wide = tile_plan.least >= direct_ratio;
-    if ((wide && on_grid(w, tile, tile_plan, Kernel::drooping, met)) ||
-        on_grid(w, tile, tile_plan, Kernel::band_limited, met))
-      return;
-  } else if ((grid || !tile_plan.inside) && tile.width > least_part && tile.height > least_part) {
-    // Only the parts that the crease crosses, or a disc's rim, go without a grid and as densely as these need.
+  if (!grid && !tile_plan.inside && tile.width > least_part && tile.height > least_part) {
+    // Only the parts that a disc's rim crosses go without a grid.
     const int left = tile.width / 2, top = tile.height / 2;
     for (const int x : {0, left})
       for (const int y : {0, top}) {
@@ -395,46 +423,62 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
       }
     return;
   }
-  if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
+  const CreasedTexels creased = grid ? find_creases(out_, tile) : CreasedTexels{};
+  // A crease has waves of two kinds, one on each side.
+  const bool wide = tile_plan.least >= direct_ratio && !creased.any;
+  const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
+                              on_grid(w, tile, tile_plan, creased.any, Kernel::band_limited, met));
+  if (!on_it) {
+    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
+    texel_pass(w, tile, tile_plan, nullptr);
+    if (source_.highlights().any())
+      met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
+  }
+  if (!creased.any) return;
   TilePlan dense = tile_plan;
-  if (tile_plan.creased && options_.samples == 0) dense.ku *= 2, dense.kv *= 2;  // a quadrature sees a crease late
-  texel_pass(w, tile, dense);
-  if (!source_.highlights().any()) return;
-  met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
+  if (options_.samples == 0) dense.ku *= 2, dense.kv *= 2;  // a quadrature sees a crease late
+  texel_pass(w, tile, dense, &creased);
 }
 
-bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met) {
+bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel,
+                          Met& met) {
   const std::optional<GridQuadrature> u = tables_.grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
   const std::optional<GridQuadrature> v = tables_.grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
-  return u && v && grid_pass(w, tile, tile_plan, kernel, *u, *v, met);
+  return u && v && grid_pass(w, tile, tile_plan, creased, kernel, *u, *v, met);
 }
 
-// Samples every texel for itself, with positive weights.
-void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan) {
+// Samples every texel for itself, or only some, with positive weights.
+void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const CreasedTexels* only) {
   // At a disc's rim texels need very different numbers of samples.
   const bool apart = !tile_plan.inside && options_.samples == 0 && !tile.slivers;
   const auto samples = [&](int i, int j) {
+    if (only && !only->holds(i, j)) return std::pair{0, 0};
     if (!apart) return std::pair{tile_plan.ku, tile_plan.kv};
     if (rim_side(out_, tile.face, tile.x0 + i, tile.y0 + j) == RimSide::outside) return std::pair{1, 1};
     return texel_samples(image_, out_, source_from_out_, filter_, tile.face, tile.x0 + i, tile.y0 + j);
   };
   for (int j = 0; j < tile.height; ++j) {
-    // A texel on a singular point may take millions of samples: batches are added up in double.
-    double sum[largest_tile][4] = {};
+    std::pair<int, int> next = samples(0, j);
     for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
-      const auto [ku, kv] = samples(run.begin, j);
-      for (run.end = run.begin + 1; run.end < tile.width && samples(run.end, j) == std::pair{ku, kv};) ++run.end;
+      const auto [ku, kv] = next;
+      for (run.end = run.begin + 1; run.end < tile.width; ++run.end) {
+        next = samples(run.end, j);
+        if (next != std::pair{ku, kv}) break;
+      }
+      if (ku == 0) continue;
+      // A texel on a singular point may take millions of samples: batches are added up in double.
+      double sum[largest_tile][4] = {};
       const int n = run.end - run.begin;
       sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), j, run, w, [&](int count) {
         read(filter_.kernel, w, count, w.samples);
         std::fill_n(w.row, 4 * n, 0.0f);
         for (int s = 0; s < count; s += n)
           for (int i = 0; i < 4 * n; ++i) w.row[i] += w.samples[4 * s + i];
-        for (int i = 0; i < 4 * n; ++i) sum[run.begin + i / 4][i % 4] += static_cast<double>(w.row[i]);
+        for (int i = 0; i < 4 * n; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
       });
+      for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i / 4][i % 4]);
+      store_run(w, tile, j, run);
     }
-    for (int i = 0; i < 4 * tile.width; ++i) w.row[i] = static_cast<float>(sum[i / 4][i % 4]);
-    store_row(w, tile, j);
   }
 }
 

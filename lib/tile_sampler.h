@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "creases.h"
 #include "grid_tables.h"
 #include "read_kernels.h"
 #include "scattered_windows.h"
@@ -55,14 +56,14 @@ class TileSampler {
   void gather(Kernel kernel, Workspace& w, int count) const;
   void read(Kernel kernel, Workspace& w, int count, float* out) const;
   void point_pass(Workspace& w, const Tile& tile);
-  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan);
-  bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Kernel kernel, Met& met);
-  bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, Kernel kernel, const GridQuadrature& qu,
-                 const GridQuadrature& qv, Met& met);
+  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const CreasedTexels* only);
+  bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, Met& met);
+  bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
+                 const GridQuadrature& qu, const GridQuadrature& qv, Met& met);
   template <class Visit>
   void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
                   int j, Run run, Workspace& w, const Visit& visit) const;
-  void store_row(Workspace& w, const Tile& tile, int j);
+  void store_run(Workspace& w, const Tile& tile, int j, Run run);
   void receive(Workspace& w, const Tile& whole, Met& met);
   TilePlan plan(const Tile& tile) const { return plan_tile(image_, out_, source_from_out_, filter_, options_, tile); }
 

@@ -17,6 +17,7 @@ set(tests
   color_test
   container_damage_test
   container_test
+  creases_test
   diamond_facts_test
   discrepancy_test
   draw_test
