@@ -48,10 +48,10 @@ struct TilePlan {
   double least = 1e30;               ///< source texels that a texel is wide where it is narrowest
   /// A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
   SourceWave wave_u, wave_v;
-  SourceView view;       ///< from the tile's edges and its middle
-  int ku = 1, kv = 1;    ///< samples a side of each texel, where texels are sampled apart
-  bool inside = true;    ///< in the layout's domain, and so are the texels around that a grid's weights reach
-  bool smooth = false;   ///< inside, and the density varies little enough to be sampled on a grid
+  SourceView view;      ///< from the tile's edges and its middle
+  int ku = 1, kv = 1;   ///< samples a side of each texel, where texels are sampled apart
+  bool inside = true;   ///< in the layout's domain, and so are the texels around that a grid's weights reach
+  bool smooth = false;  ///< inside, and the density varies little enough to be sampled on a grid
 };
 
 /// source_from_out: the output layout's axes to the source layout's.
