@@ -70,22 +70,13 @@ class Lattice {
 
 }  // namespace
 
-CreasedTexels find_creases(const EnvImage& out, const Tile& tile) {
-  CreasedTexels creased;
+TexelMask find_creases(const EnvImage& out, const Tile& tile) {
+  TexelMask creased;
   if (!Lattice(out, tile, std::min(coarse, std::max(fine, tile.width / 4))).any()) return creased;
   Lattice(out, tile, fine).for_each_jump([&](int i, int j) {
     // The crease passes within a step of the point.
-    const auto bounds = [&](int k, int n) {
-      const int middle = (k - 1) * fine - reach;
-      return std::pair(std::max(0, middle - fine - reach), std::min(n, middle + fine + reach));
-    };
-    const auto [left, right] = bounds(i, tile.width);
-    const auto [top, bottom] = bounds(j, tile.height);
-    if (left >= right || top >= bottom) return;
-    const std::uint64_t bits = (right - left == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << (right - left)) - 1)
-                               << left;
-    for (int y = top; y < bottom; ++y) creased.rows[y] |= bits;
-    creased.any = true;
+    const int x = (i - 1) * fine - reach, y = (j - 1) * fine - reach, around = fine + reach;
+    creased.add(x - around, y - around, x + around, y + around, tile);
   });
   return creased;
 }

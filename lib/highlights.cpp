@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <tuple>
 
 #include "assertion.h"
 #include "solid_angle.h"
@@ -150,12 +151,48 @@ void Source::split_highlights(const EnvImage& image) {
   }
 }
 
+namespace {
+
+// Solid angles of single texels, computed for blocks of them; a few blocks are remembered.
+class SolidAngles {
+ public:
+  SolidAngles(const Layout& layout, Placement placement, const std::vector<SourceFace>& faces)
+      : layout_(layout), placement_(placement), faces_(faces), blocks_(remembered) {}
+
+  double at(int face, int x, int y) {
+    const int left = x / side * side, top = y / side * side;
+    Block& block = blocks_[static_cast<std::size_t>((x / side * 5 + y / side * 3 + face) % remembered)];
+    const Size size = faces_[static_cast<std::size_t>(face)].size;
+    const int width = std::min(side, size.width - left);
+    if (block.face != face || block.x != left || block.y != top) {
+      block.face = face, block.x = left, block.y = top;
+      texel_solid_angles(layout_, face, size, placement_, left, top, width, std::min(side, size.height - top),
+                         block.omega);
+    }
+    return block.omega[(y - top) * width + (x - left)];
+  }
+
+ private:
+  static constexpr int side = solid_angle_block, remembered = 8;
+  struct Block {
+    int face = -1, x = 0, y = 0;
+    double omega[side * side];
+  };
+  const Layout& layout_;
+  Placement placement_;
+  const std::vector<SourceFace>& faces_;
+  std::vector<Block> blocks_;
+};
+
+}  // namespace
+
 void Source::spread_highlights() {
   struct Deposit {
     std::int32_t face, x, y;
     std::array<float, 4> excess;
+    double thin, wide;  // of the texel that it comes from, in radians
+    auto place() const { return std::tuple(face, y, x); }
   };
-  std::vector<Deposit> deposits;
   constexpr int side = Highlights::side;
   // A texel's centre, the short one of its principal directions on the sphere, and both sides' angles.
   const auto sides = [&](int face, double x, double y, Vec3& d, Vec3& thin, double& wide_angle, double& thin_angle) {
@@ -175,51 +212,78 @@ void Source::spread_highlights() {
     if (n > 0) thin = (1 / n) * thin;
     return std::isfinite(n) && n > 0 && thin_angle > 1e-6 * wide_angle;
   };
+  struct Place {
+    int face, x, y;  // of a block's first padded texel
+  };
+  std::vector<Place> blocks;
   for (int f = 0; f < layout_->face_count(); ++f) {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
-    for (int by = 0; by < s.rows; by += side)
-      for (int bx = 0; bx < s.columns; bx += side) {
-        if (!excess_at(f, bx, by, false)) continue;
-        for (int y = by; y < by + side; ++y)
-          for (int x = bx; x < bx + side; ++x) {
-            if (!in_face(s, x, y)) continue;
-            float* e = excess_at(f, x, y, false);
-            if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
-            Vec3 d, thin;
-            double wide_angle, thin_angle;
-            // Centred on a singular point (a pole), a texel has no sides there; a quarter of it further in it has.
-            if (!sides(f, x, y, d, thin, wide_angle, thin_angle)) {
-              const double in_x = x - apron_ < s.size.width / 2 ? 0.25 : -0.25;
-              const double in_y = y - apron_ < s.size.height / 2 ? 0.25 : -0.25;
-              if (!sides(f, x + in_x, y + in_y, d, thin, wide_angle, thin_angle)) continue;
-            }
-            if (wide_angle <= sliver_ratio * thin_angle) continue;
-            const int n = static_cast<int>(std::min<double>(longest_spread, wide_angle / thin_angle));
-            const double omega = texel_solid_angle(*layout_, f, x - apron_, y - apron_, s.size, placement_);
-            const std::size_t before = deposits.size();
-            for (int k = 0; k < n; ++k) {
-              const double t = (k - 0.5 * (n - 1)) * thin_angle;
-              const Location at = layout_->locate(std::cos(t) * d + std::sin(t) * thin);
-              const SourceFace& o = faces_[static_cast<std::size_t>(at.face)];
-              const int i = std::clamp(static_cast<int>(std::lround(texel_from_u(at.u, o.size.width, placement_))), 0,
-                                       o.size.width - 1);
-              const int j = std::clamp(static_cast<int>(std::lround(texel_from_u(at.v, o.size.height, placement_))), 0,
-                                       o.size.height - 1);
-              const double to = texel_solid_angle(*layout_, at.face, i, j, o.size, placement_);
-              if (!(to > 0)) continue;
-              const float share = static_cast<float>(omega / (n * to));
-              deposits.push_back({at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2], 0}});
-            }
-            if (deposits.size() > before) std::fill_n(e, 4, 0.0f);
-          }
-      }
+    for (int y = 0; y < s.rows; y += side)
+      for (int x = 0; x < s.columns; x += side)
+        if (excess_at(f, x, y, false)) blocks.push_back({f, x, y});
   }
-  for (const Deposit& p : deposits) {
+  const auto spread = [&](const Place& block, SolidAngles& solid_angles, std::vector<Deposit>& out) {
+    const int f = block.face;
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    for (int y = block.y; y < block.y + side; ++y)
+      for (int x = block.x; x < block.x + side; ++x) {
+        if (!in_face(s, x, y)) continue;
+        float* e = excess_at(f, x, y, false);
+        if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+        Vec3 d, thin;
+        double wide_angle, thin_angle;
+        // Centred on a singular point (a pole), a texel has no sides there; a quarter of it further in it has.
+        if (!sides(f, x, y, d, thin, wide_angle, thin_angle)) {
+          const double in_x = x - apron_ < s.size.width / 2 ? 0.25 : -0.25;
+          const double in_y = y - apron_ < s.size.height / 2 ? 0.25 : -0.25;
+          if (!sides(f, x + in_x, y + in_y, d, thin, wide_angle, thin_angle)) continue;
+        }
+        if (wide_angle <= sliver_ratio * thin_angle) continue;
+        const int n = static_cast<int>(std::min<double>(longest_spread, wide_angle / thin_angle));
+        const double omega = solid_angles.at(f, x - apron_, y - apron_);
+        const std::size_t before = out.size();
+        for (int k = 0; k < n; ++k) {
+          const double t = (k - 0.5 * (n - 1)) * thin_angle;
+          const Location at = layout_->locate(std::cos(t) * d + std::sin(t) * thin);
+          const SourceFace& o = faces_[static_cast<std::size_t>(at.face)];
+          const int i = std::clamp(static_cast<int>(std::lround(texel_from_u(at.u, o.size.width, placement_))), 0,
+                                   o.size.width - 1);
+          const int j = std::clamp(static_cast<int>(std::lround(texel_from_u(at.v, o.size.height, placement_))), 0,
+                                   o.size.height - 1);
+          const double to = solid_angles.at(at.face, i, j);
+          if (!(to > 0)) continue;
+          const float share = static_cast<float>(omega / (n * to));
+          out.push_back(
+              {at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2], 0}, thin_angle, wide_angle});
+        }
+        if (out.size() > before) std::fill_n(e, 4, 0.0f);
+      }
+  };
+  // Pieces of the list in parallel, joined in order.
+  constexpr std::size_t piece = 64;
+  std::vector<std::vector<Deposit>> spread_of((blocks.size() + piece - 1) / piece);
+  tbb::parallel_for(std::size_t{0}, spread_of.size(), [&](std::size_t k) {
+    SolidAngles solid_angles(*layout_, placement_, faces_);
+    for (std::size_t i = k * piece; i < std::min(blocks.size(), (k + 1) * piece); ++i)
+      spread(blocks[i], solid_angles, spread_of[k]);
+  });
+  std::vector<Deposit> deposits;
+  for (const auto& some : spread_of) deposits.insert(deposits.end(), some.begin(), some.end());
+  // Neighbours' deposits meet in a texel: one sliver each.
+  std::ranges::stable_sort(deposits, {}, &Deposit::place);
+  for (std::size_t i = 0; i < deposits.size(); ++i) {
+    const Deposit& p = deposits[i];
     float* e = excess_at(p.face, p.x, p.y, true);
     for (std::size_t c = 0; c < 4; ++c) e[c] += p.excess[c];
+    if (i > 0 && p.place() == deposits[i - 1].place()) {
+      Highlights::Sliver& sliver = highlights_.slivers.back();
+      sliver.thin = std::min(sliver.thin, p.thin), sliver.wide = std::max(sliver.wide, p.wide);
+      continue;
+    }
     const SourceFace& s = faces_[static_cast<std::size_t>(p.face)];
-    highlights_.slivers.push_back(layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
-                                                     u_from_texel(p.y - apron_, s.size.height, placement_)));
+    highlights_.slivers.push_back({layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
+                                                      u_from_texel(p.y - apron_, s.size.height, placement_)),
+                                   p.thin, p.wide});
   }
 }
 

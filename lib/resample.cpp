@@ -172,7 +172,7 @@ class Resampler {
         for (int x = 0; x < face.width(); x += tile_side_)
           tiles_.push_back({f, x, y, std::min(tile_side_, face.width() - x), std::min(tile_side_, face.height() - y)});
     }
-    met_.resize(tiles_.size());
+    lights_.resize(tiles_.size());
     // Along a curve that stays close to where it was (Morton's), so that a thread's next tile reads what is in its
     // caches, and what two threads read overlaps little.
     order_.resize(tiles_.size());
@@ -183,28 +183,41 @@ class Resampler {
     });
   }
 
-  // Tiles of the output that see a highlight on a sliver, or are one texel away from seeing it.
+  // Texels of the output that see a highlight on a sliver, or are close to seeing it, need so many samples that some
+  // fall on it: four across the two texels that a bilinear read spans.
   void mark_slivers(const Source& source, const EnvImage& out) {
-    for (Tile& t : tiles_) t.slivers = false;
-    std::ranges::fill(met_, Met{});
+    constexpr int most_samples_a_side = 24;
+    constexpr double farthest = 6;  // texels
+    for (auto& lights : lights_) lights.reset();
     if (source.highlights().slivers.empty()) return;
     std::vector<std::size_t> first;  // index of each face's first tile
     for (std::size_t i = 0; i < tiles_.size(); ++i)
       if (static_cast<std::size_t>(tiles_[i].face) == first.size()) first.push_back(i);
     const Mat3 out_from_source = transpose(source_from_out_);
-    for (const Vec3& d : source.highlights().slivers) {
-      const Location at = out.layout->locate(out_from_source * d);
+    for (const Highlights::Sliver& sliver : source.highlights().slivers) {
+      const Location at = out.layout->locate(out_from_source * sliver.direction);
       const Image& face = out.faces[static_cast<std::size_t>(at.face)];
-      const double x = texel_from_u(at.u, face.width(), out.placement);
-      const double y = texel_from_u(at.v, face.height(), out.placement);
+      const DirectionJet jet = out.layout->direction_jet(at.face, at.u, at.v);
+      const double side_u = length(jet.du) * texel_extent(face.width(), out.placement);
+      const double side_v = length(jet.dv) * texel_extent(face.height(), out.placement);
+      const double wanted = std::ceil(2 * std::max(side_u, side_v) / std::max(sliver.thin, 1e-9));
+      const int samples = wanted < most_samples_a_side ? static_cast<int>(wanted) : most_samples_a_side;
+      const auto range = [&](double x, double side, int n, int& low, int& high) {
+        const double around = 1.5 + std::min(sliver.wide / std::max(side, 1e-9), farthest);
+        low = std::clamp(static_cast<int>(std::floor(x - around + 0.5)), 0, n - 1);
+        high = std::clamp(static_cast<int>(std::floor(x + around + 0.5)), 0, n - 1);
+      };
+      int left, right, top, bottom;
+      range(texel_from_u(at.u, face.width(), out.placement), side_u, face.width(), left, right);
+      range(texel_from_u(at.v, face.height(), out.placement), side_v, face.height(), top, bottom);
       const int across = (face.width() + tile_side_ - 1) / tile_side_;
-      for (const double dx : {-1.5, 1.5})
-        for (const double dy : {-1.5, 1.5}) {
-          const int i = std::clamp(static_cast<int>(std::floor(x + dx + 0.5)), 0, face.width() - 1);
-          const int j = std::clamp(static_cast<int>(std::floor(y + dy + 0.5)), 0, face.height() - 1);
-          tiles_[first[static_cast<std::size_t>(at.face)] +
-                 static_cast<std::size_t>(j / tile_side_ * across + i / tile_side_)]
-              .slivers = true;
+      for (int y = top / tile_side_; y <= bottom / tile_side_; ++y)
+        for (int x = left / tile_side_; x <= right / tile_side_; ++x) {
+          const std::size_t i = first[static_cast<std::size_t>(at.face)] + static_cast<std::size_t>(y * across + x);
+          if (!lights_[i]) lights_[i] = std::make_unique<TileHighlights>();
+          const Tile& tile = tiles_[i];
+          lights_[i]->slivers.add(left - tile.x0, top - tile.y0, right + 1 - tile.x0, bottom + 1 - tile.y0, tile);
+          lights_[i]->sliver_samples = std::max(lights_[i]->sliver_samples, samples);
         }
     }
   }
@@ -234,8 +247,8 @@ class Resampler {
     tbb::parallel_for(std::size_t{0}, order_.size(), [&](std::size_t k) {
       if (stopped_) return;
       const std::size_t i = order_[k];
-      sampler.first_pass(*workspaces.local(), tiles_[i], met_[i]);
-      if (sum && !met_[i].any()) sum_tile(out, i);
+      sampler.first_pass(*workspaces.local(), tiles_[i], lights_[i]);
+      if (sum && !lights_[i]) sum_tile(out, i);
       if (options_.progress && !options_.progress(share_done_ + share_step_ * static_cast<double>(++done) /
                                                                     static_cast<double>(tiles_.size())))
         stopped_ = true;
@@ -243,8 +256,8 @@ class Resampler {
     if (!source.highlights().any() || stopped_) return;
     const std::vector<StrandedEnergy> stranded = source.conserve_highlights();
     tbb::parallel_for(std::size_t{0}, tiles_.size(), [&](std::size_t i) {
-      if (!met_[i].any()) return;
-      sampler.second_pass(*workspaces.local(), tiles_[i], met_[i]);
+      if (!lights_[i]) return;
+      sampler.second_pass(*workspaces.local(), tiles_[i], *lights_[i]);
       if (sum) sum_tile(out, i);
     });
     for (const StrandedEnergy& e : stranded) deposit(e, out, first_channel);
@@ -280,9 +293,9 @@ class Resampler {
   const Filter& filter_;
   Mat3 source_from_out_;
   std::vector<Tile> tiles_;
-  std::vector<std::uint32_t> order_;  // in which tiles are taken up
-  std::vector<Met> met_;              // by tile
-  std::vector<double> tile_sums_;     // by tile: sphere_sums() each; empty when they are not up to date
+  std::vector<std::uint32_t> order_;                     // in which tiles are taken up
+  std::vector<std::unique_ptr<TileHighlights>> lights_;  // by tile; those that see none have none
+  std::vector<double> tile_sums_;  // by tile: sphere_sums() each; empty when they are not up to date
   int tile_side_ = largest_tile;
   GridTables tables_;
   std::atomic<bool> stopped_{false};

@@ -81,8 +81,12 @@ struct Highlights {
     float weight[4];
   };
   std::vector<Copy> copies;
-  /// Directions of highlights on texels so thin that ordinary sampling would miss them.
-  std::vector<Vec3> slivers;
+  /// A highlight on a texel so thin that ordinary sampling might miss it: where, and the texel's sides in radians.
+  struct Sliver {
+    Vec3 direction;
+    double thin, wide;
+  };
+  std::vector<Sliver> slivers;
   bool any() const { return !blocks.empty(); }
   /// Index in its block of a padded texel.
   static constexpr int place(int x, int y) { return y % side * side + x % side; }

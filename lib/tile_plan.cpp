@@ -10,7 +10,6 @@ namespace {
 
 constexpr double sliver_limit = 1.375;    // longest side over shortest that the sampling follows
 constexpr double rim = 0.5 * (1 - 1e-6);  // of a disc, in its u and v
-constexpr int sliver_samples = 24;        // samples a side where highlights lie on slivers
 
 // The sides of the texel around a point of a disc, as chords: derivatives have no bound at some discs' rims.  What lies
 // beyond the rim is taken to it.
@@ -85,6 +84,16 @@ int samples_of(const Filter& filter, double texels) {
 
 }  // namespace
 
+void TexelMask::add(int left, int top, int right, int bottom, const Tile& tile) {
+  left = std::max(left, 0), top = std::max(top, 0);
+  right = std::min(right, tile.width), bottom = std::min(bottom, tile.height);
+  if (left >= right || top >= bottom) return;
+  static_assert(largest_tile == 64);
+  const std::uint64_t bits = (~std::uint64_t{0} >> (64 - (right - left))) << left;
+  for (int j = top; j < bottom; ++j) rows[j] |= bits;
+  any = true;
+}
+
 TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                    const ResampleOptions& options, const Tile& tile) {
   TilePlan plan;
@@ -135,7 +144,6 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
     plan.ku = samples_of(filter, plan.need_u);
     plan.kv = samples_of(filter, plan.need_v);
   }
-  if (tile.slivers) plan.ku = std::max(plan.ku, sliver_samples), plan.kv = std::max(plan.kv, sliver_samples);
   return plan;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <utility>
 
 #include "filter.h"
@@ -17,16 +18,18 @@ inline constexpr int largest_tile = 64;  ///< texels a side
 /// In texels of the output's face.
 struct Tile {
   int face, x0, y0, width, height;
-  bool slivers = false;  ///< holds highlights that need dense sampling
 };
 
-/// The part of a tile that met highlights, in texels of the face.
-struct Met {
-  int left = 1 << 30, top = 1 << 30, right = -1, bottom = -1;  ///< right and bottom: one past the last
-  bool any() const { return right > left; }
-  void add(int x, int y) {
-    left = std::min(left, x), top = std::min(top, y);
-    right = std::max(right, x + 1), bottom = std::max(bottom, y + 1);
+/// Some of a tile's texels.
+struct TexelMask {
+  std::uint64_t rows[largest_tile] = {};  ///< bit i of row j
+  bool any = false;
+  bool holds(int i, int j) const { return (rows[j] >> i & 1) != 0; }
+  /// Texels [left, right) x [top, bottom), as far as they are among the tile's first width x height.
+  void add(int left, int top, int right, int bottom, const Tile& tile);
+  void add(const TexelMask& other) {
+    for (int j = 0; j < largest_tile; ++j) rows[j] |= other.rows[j];
+    any = any || other.any;
   }
 };
 

@@ -118,22 +118,25 @@ void combine_densities(const GridQuadrature& q, int n, const float* in, float* o
   }
 }
 
-// The relative change of the density per texel, along both axes, at the texels of row j: bilinear between the plan's
-// nodes. A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a pole.
-void density_slopes(const TilePlan& plan, const Tile& tile, int j, float* __restrict gx, float* __restrict gy) {
+// The relative change of the density per texel, along both axes, at texels [begin, end) of row j: bilinear between the
+// plan's nodes. A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a
+// pole.
+void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, int end, float* __restrict gx,
+                    float* __restrict gy) {
   const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
   const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
   const int k = std::min(static_cast<int>((j + 0.5) / high), TilePlan::nodes_y - 2);
   const double t = (j + 0.5) / high - k;
-  for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
+  for (int cell = 0, i = begin; cell < TilePlan::nodes_x - 1; ++cell) {
     const double a = plan.density[k][cell], b = plan.density[k][cell + 1];
     const double c = plan.density[k + 1][cell], d = plan.density[k + 1][cell + 1];
     const float left = static_cast<float>(a + t * (c - a)), right = static_cast<float>(b + t * (d - b));
     const float across = static_cast<float>((right - left) / wide);
     const float down_left = static_cast<float>((c - a) / high), down_right = static_cast<float>((d - b) / high);
-    const int end = cell + 2 == TilePlan::nodes_x ? tile.width : static_cast<int>(std::ceil((cell + 1) * wide - 0.5));
+    const int last =
+        cell + 2 == TilePlan::nodes_x ? end : std::min(end, static_cast<int>(std::ceil((cell + 1) * wide - 0.5)));
     const float scale = static_cast<float>(1 / wide), first = static_cast<float>(0.5 - cell * wide);
-    for (; i < end; ++i) {
+    for (; i < last; ++i) {
       const float x = (static_cast<float>(i) + first) * scale;
       const float here = left + x * (right - left);
       const float inverse = here > 0 ? 1.0f / here : 0.0f;
@@ -150,10 +153,6 @@ float sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, fl
   const auto i = static_cast<std::size_t>(k), j = static_cast<std::size_t>(m);
   const float ox = static_cast<float>(qu.offset[i]), oy = static_cast<float>(qv.offset[j]);
   return static_cast<float>(qu.weight[i] * qv.weight[j]) * std::max(0.0f, 1.0f + gx * ox + gy * oy);
-}
-
-Tile part_of(const Tile& tile, const Met& met) {
-  return {tile.face, met.left, met.top, met.right - met.left, met.bottom - met.top, tile.slivers};
 }
 
 }  // namespace
@@ -234,7 +233,7 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile) {
 // Samples the tile on a grid that its texels share.  False, with nothing to be kept, when Kernel::drooping, which
 // reads the source as it is, met a highlight: the base that is left of these is in the prefiltered blocks.
 bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
-                            const GridQuadrature& qu, const GridQuadrature& qv, Met& met) {
+                            const GridQuadrature& qu, const GridQuadrature& qv, TexelMask& met) {
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const Highlights& highlights = source_.highlights();
   const bool even = out_.layout->info().equal_area;
@@ -274,8 +273,7 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
       for_each_near_highlight(source_, w, nu, [&](int s) {
         const int i = static_cast<int>(std::floor(first_u + s * step_u + 0.5));
         // With two texels around: between samples there are others.
-        for (const int d : {-2, 2})
-          met.add(tile.x0 + std::clamp(i + d, 0, tile.width - 1), tile.y0 + std::clamp(j + d, 0, tile.height - 1));
+        met.add(i - 2, j - 2, i + 3, j + 3, tile);
       });
     }
     point(kernel, w, nu);
@@ -325,7 +323,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const int n = run.end - run.begin, x0 = tile.x0 + run.begin;
   alignas(64) float slopes_x[largest_tile], slopes_y[largest_tile];  // relative change of the density per texel
-  density_slopes(plan, tile, j, slopes_x, slopes_y);
+  density_slopes(plan, tile, j, run.begin, run.end, slopes_x, slopes_y);
   float *gx = slopes_x + run.begin, *gy = slopes_y + run.begin, *total = w.total + run.begin;
   bool cut[largest_tile], outside[largest_tile], any_cut = false;
   for (int i = 0; i < n; ++i) {
@@ -403,54 +401,62 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
   }
 }
 
-void TileSampler::first_pass(Workspace& w, const Tile& tile, Met& met) {
+void TileSampler::first_pass(Workspace& w, const Tile& tile, std::unique_ptr<TileHighlights>& lights) {
   const TilePlan tile_plan = plan(tile);
   if (w.blocks) w.blocks->next_tile(view_with_neighbours(tile_plan, tile));
+  TexelMask met;
   sample(w, tile, tile_plan, met);
-  if (met.any()) receive(w, tile, met);
+  if (lights) met.add(lights->slivers);
+  if (met.any) {
+    if (!lights) lights = std::make_unique<TileHighlights>();
+    lights->met = met;
+  }
+  if (lights && !receive(w, tile, *lights)) lights.reset();
 }
 
-void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met) {
+void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met) {
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
-  const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth && !tile.slivers;
+  const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth;
   if (!grid && !tile_plan.inside && tile.width > least_part && tile.height > least_part) {
     // Only the parts that a disc's rim crosses go without a grid.
     const int left = tile.width / 2, top = tile.height / 2;
     for (const int x : {0, left})
       for (const int y : {0, top}) {
         const Tile part{tile.face, tile.x0 + x, tile.y0 + y, x ? tile.width - left : left, y ? tile.height - top : top};
-        sample(w, part, plan(part), met);
+        TexelMask part_met;
+        sample(w, part, plan(part), part_met);
+        for (int j = 0; j < part.height && part_met.any; ++j) met.rows[y + j] |= part_met.rows[j] << x;
+        met.any = met.any || part_met.any;
       }
     return;
   }
-  const CreasedTexels creased = grid ? find_creases(out_, tile) : CreasedTexels{};
+  const TexelMask creased = grid ? find_creases(out_, tile) : TexelMask{};
   // A crease has waves of two kinds, one on each side.
   const bool wide = tile_plan.least >= direct_ratio && !creased.any;
   const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
                               on_grid(w, tile, tile_plan, creased.any, Kernel::band_limited, met));
   if (!on_it) {
     if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
-    texel_pass(w, tile, tile_plan, nullptr);
-    if (source_.highlights().any())
-      met.add(tile.x0, tile.y0), met.add(tile.x0 + tile.width - 1, tile.y0 + tile.height - 1);
+    texel_pass(w, tile, tile_plan, nullptr, met);
   }
   if (!creased.any) return;
   TilePlan dense = tile_plan;
   if (options_.samples == 0) dense.ku *= 2, dense.kv *= 2;  // a quadrature sees a crease late
-  texel_pass(w, tile, dense, &creased);
+  texel_pass(w, tile, dense, &creased, met);
 }
 
 bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel,
-                          Met& met) {
+                          TexelMask& met) {
   const std::optional<GridQuadrature> u = tables_.grid(tile_plan.need_u, tile_plan.wave_u, kernel, tile.width);
   const std::optional<GridQuadrature> v = tables_.grid(tile_plan.need_v, tile_plan.wave_v, kernel, tile.height);
   return u && v && grid_pass(w, tile, tile_plan, creased, kernel, *u, *v, met);
 }
 
 // Samples every texel for itself, or only some, with positive weights.
-void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const CreasedTexels* only) {
+void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only,
+                             TexelMask& met) {
   // At a disc's rim texels need very different numbers of samples.
-  const bool apart = !tile_plan.inside && options_.samples == 0 && !tile.slivers;
+  const bool apart = !tile_plan.inside && options_.samples == 0;
   const auto samples = [&](int i, int j) {
     if (only && !only->holds(i, j)) return std::pair{0, 0};
     if (!apart) return std::pair{tile_plan.ku, tile_plan.kv};
@@ -470,6 +476,11 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
       double sum[largest_tile][4] = {};
       const int n = run.end - run.begin;
       sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), j, run, w, [&](int count) {
+        if (source_.highlights().any())
+          for_each_near_highlight(source_, w, count, [&](int s) {
+            const int i = run.begin + s % n;
+            met.add(i - 1, j - 1, i + 2, j + 2, tile);
+          });
         read(filter_.kernel, w, count, w.samples);
         std::fill_n(w.row, 4 * n, 0.0f);
         for (int s = 0; s < count; s += n)
@@ -482,11 +493,27 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
   }
 }
 
-// Counts what the texels that met highlights receive of them.
-void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
-  const Tile tile = part_of(whole, met);
+// Samples the texels that met highlights: visit(j, run, n) for samples of texels `run` of row j, taken in turn.
+template <class Visit>
+void TileSampler::sample_met(Workspace& w, const Tile& tile, const TileHighlights& lights, const Visit& visit) {
   const TilePlan tile_plan = plan(tile);
-  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+  for (int j = 0; j < tile.height; ++j) {
+    if (lights.met.rows[j] == 0) continue;
+    for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
+      const bool met = lights.met.holds(run.begin, j), sliver = lights.slivers.holds(run.begin, j);
+      for (run.end = run.begin + 1;
+           run.end < tile.width && lights.met.holds(run.end, j) == met && lights.slivers.holds(run.end, j) == sliver;)
+        ++run.end;
+      if (!met) continue;
+      const int least = sliver ? lights.sliver_samples : 1;
+      sample_row(Kernel::bilinear, tile, tile_plan, tables_.nodes(std::max(tile_plan.ku, least)),
+                 tables_.nodes(std::max(tile_plan.kv, least)), j, run, w, [&](int count) { visit(j, run, count); });
+    }
+  }
+}
+
+// Counts what the texels that met highlights receive of them.  False when that is nothing.
+bool TileSampler::receive(Workspace& w, const Tile& tile, const TileHighlights& lights) {
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   Highlights& highlights = source_.highlights();
   std::vector<double> omega;  // of the texels, once a highlight is met
@@ -503,68 +530,69 @@ void TileSampler::receive(Workspace& w, const Tile& whole, Met& met) {
       received[k] = 0;
     }
   };
-  for (int j = 0; j < tile.height; ++j) {
+  sample_met(w, tile, lights, [&](int j, Run run, int count) {
+    const int n = run.end - run.begin;
     double scale[largest_tile];  // of weights to units of what is received; negative: not known yet
-    std::fill_n(scale, tile.width, -1.0);
-    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, {0, tile.width}, w, [&](int count) {
-      for_each_near_highlight(source_, w, count, [&](int s) {
-        if (omega.empty()) {
-          omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
-          texel_solid_angles(*out_.layout, tile.face, {face.width(), face.height()}, out_.placement, tile.x0, tile.y0,
-                             tile.width, tile.height, omega.data());
-        }
-        const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
-        const Place p = place_of(w.windows, s);
-        const int i = s % tile.width;
-        if (!(scale[i] >= 0))
-          scale[i] = omega[static_cast<std::size_t>(j * tile.width + i)] /
-                     (static_cast<double>(w.total[i]) * Highlights::received_unit);
-        const double share = scale[i] * static_cast<double>(w.weight[s]);
-        ENVCONV_ASSERT(share >= 0);
-        if (!quad.is_at(w.face[s], p)) {
-          flush();
-          quad.move(highlights, f, w.face[s], p);
-        }
-        for (int k = 0; k < 4; ++k)
-          received[k] +=
-              static_cast<std::uint64_t>(share * static_cast<double>(HighlightQuad<Highlights::Block>::weight(k, p)));
-      });
+    std::fill_n(scale, n, -1.0);
+    for_each_near_highlight(source_, w, count, [&](int s) {
+      if (omega.empty()) {
+        omega.resize(static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height));
+        texel_solid_angles(*out_.layout, tile.face, {face.width(), face.height()}, out_.placement, tile.x0, tile.y0,
+                           tile.width, tile.height, omega.data());
+      }
+      const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
+      const Place p = place_of(w.windows, s);
+      const int i = s % n, at = run.begin + i;
+      if (!(scale[i] >= 0))
+        scale[i] = omega[static_cast<std::size_t>(j * tile.width + at)] /
+                   (static_cast<double>(w.total[at]) * Highlights::received_unit);
+      const double share = scale[i] * static_cast<double>(w.weight[s]);
+      ENVCONV_ASSERT(share >= 0);
+      if (!quad.is_at(w.face[s], p)) {
+        flush();
+        quad.move(highlights, f, w.face[s], p);
+      }
+      for (int k = 0; k < 4; ++k)
+        received[k] +=
+            static_cast<std::uint64_t>(share * static_cast<double>(HighlightQuad<Highlights::Block>::weight(k, p)));
     });
-  }
+  });
   flush();
-  if (omega.empty()) met = {};
+  return !omega.empty();
 }
 
 // Adds the highlights to the texels that met them.
-void TileSampler::second_pass(Workspace& w, const Tile& whole, const Met& met) {
-  const Tile tile = part_of(whole, met);
-  const TilePlan tile_plan = plan(tile);
-  const Quadrature &qu = tables_.nodes(tile_plan.ku), &qv = tables_.nodes(tile_plan.kv);
+void TileSampler::second_pass(Workspace& w, const Tile& tile, const TileHighlights& lights) {
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const Highlights& highlights = source_.highlights();
   HighlightQuad<const Highlights::Block> quad;
-  for (int j = 0; j < tile.height; ++j) {
-    double sum[largest_tile][4] = {};
-    sample_row(Kernel::bilinear, tile, tile_plan, qu, qv, j, {0, tile.width}, w, [&](int count) {
-      for_each_near_highlight(source_, w, count, [&](int s) {
-        const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
-        const Place p = place_of(w.windows, s);
-        if (!quad.is_at(w.face[s], p)) quad.move(highlights, f, w.face[s], p);
-        float value[4] = {};
-        for (int k = 0; k < 4; ++k) {
-          if (!quad.block[k]) continue;
-          const float weight = w.weight[s] * HighlightQuad<const Highlights::Block>::weight(k, p);
-          const float* excess = quad.block[k]->excess[quad.texel[k]];
-          for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
-        }
-        double* to = sum[s % tile.width];
-        for (int c = 0; c < 4; ++c) to[c] += static_cast<double>(value[c]);
-      });
-    });
-    float* to = face.at(tile.x0, tile.y0 + j) + first_channel_;
+  double sums[largest_tile][4] = {};
+  int row = -1;  // that they are of
+  const auto store = [&] {
+    if (row < 0) return;
+    float* to = face.at(tile.x0, tile.y0 + row) + first_channel_;
     for (int i = 0; i < tile.width; ++i, to += image_.channels.count())
-      for (int c = 0; c < channels_; ++c) to[c] += static_cast<float>(sum[i][c] / static_cast<double>(w.total[i]));
-  }
+      for (int c = 0; c < channels_; ++c) to[c] += static_cast<float>(sums[i][c]), sums[i][c] = 0;
+  };
+  sample_met(w, tile, lights, [&](int j, Run run, int count) {
+    if (j != row) store(), row = j;
+    const int n = run.end - run.begin;
+    for_each_near_highlight(source_, w, count, [&](int s) {
+      const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
+      const Place p = place_of(w.windows, s);
+      if (!quad.is_at(w.face[s], p)) quad.move(highlights, f, w.face[s], p);
+      float value[4] = {};
+      for (int k = 0; k < 4; ++k) {
+        if (!quad.block[k]) continue;
+        const float weight = w.weight[s] * HighlightQuad<const Highlights::Block>::weight(k, p);
+        const float* excess = quad.block[k]->excess[quad.texel[k]];
+        for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
+      }
+      const int at = run.begin + s % n;
+      for (int c = 0; c < 4; ++c) sums[at][c] += static_cast<double>(value[c]) / static_cast<double>(w.total[at]);
+    });
+  });
+  store();
 }
 
 }  // namespace envconv

@@ -2,6 +2,7 @@
 // Samples tiles of the output: see resample.cpp for the three ways that there are.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -14,6 +15,13 @@
 #include "tile_plan.h"
 
 namespace envconv {
+
+/// What a tile has to do with highlights.
+struct TileHighlights {
+  TexelMask met;           ///< texels that receive of them, or may
+  TexelMask slivers;       ///< texels near to those on slivers
+  int sliver_samples = 1;  ///< that these take a side, at least
+};
 
 /// What a thread needs for its tiles.
 struct Workspace {
@@ -40,31 +48,34 @@ class TileSampler {
   TileSampler(const EnvImage& image, Source& source, int first_channel, EnvImage& out, const Mat3& source_from_out,
               const Filter& filter, const ResampleOptions& options, GridTables& tables);
 
-  /// Writes the tile, without highlights, and counts what its texels receive of these; met: where they did.
-  void first_pass(Workspace& w, const Tile& tile, Met& met);
+  /// Writes the tile, without highlights, and counts what its texels receive of these.  lights: nothing, or the
+  /// slivers that are known; afterwards nothing, unless texels receive any.
+  void first_pass(Workspace& w, const Tile& tile, std::unique_ptr<TileHighlights>& lights);
 
   /// Adds the highlights, as Source::conserve_highlights() left them, to the texels that met them.
-  void second_pass(Workspace& w, const Tile& tile, const Met& met);
+  void second_pass(Workspace& w, const Tile& tile, const TileHighlights& lights);
 
  private:
   struct Run {
     int begin, end;  // texels of a tile's row
   };
-  void sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, Met& met);
+  void sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met);
   void find_windows(Kernel kernel, Workspace& w, int count) const;
   void point(Kernel kernel, Workspace& w, int count) const;
   void gather(Kernel kernel, Workspace& w, int count) const;
   void read(Kernel kernel, Workspace& w, int count, float* out) const;
   void point_pass(Workspace& w, const Tile& tile);
-  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const CreasedTexels* only);
-  bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, Met& met);
+  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only, TexelMask& met);
+  bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, TexelMask& met);
   bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
-                 const GridQuadrature& qu, const GridQuadrature& qv, Met& met);
+                 const GridQuadrature& qu, const GridQuadrature& qv, TexelMask& met);
   template <class Visit>
   void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
                   int j, Run run, Workspace& w, const Visit& visit) const;
   void store_run(Workspace& w, const Tile& tile, int j, Run run);
-  void receive(Workspace& w, const Tile& whole, Met& met);
+  template <class Visit>
+  void sample_met(Workspace& w, const Tile& tile, const TileHighlights& lights, const Visit& visit);
+  bool receive(Workspace& w, const Tile& tile, const TileHighlights& lights);
   TilePlan plan(const Tile& tile) const { return plan_tile(image_, out_, source_from_out_, filter_, options_, tile); }
 
   const EnvImage& image_;

@@ -35,7 +35,7 @@ void for_each_texel(std::string_view name, const Visit& visit) {
     for (int y = 0; y < face.height(); y += side)
       for (int x = 0; x < face.width(); x += side) {
         const Tile tile{f, x, y, std::min(side, face.width() - x), std::min(side, face.height() - y)};
-        const CreasedTexels creased = find_creases(image, tile);
+        const TexelMask creased = find_creases(image, tile);
         bool any = false;
         for (int j = 0; j < tile.height; ++j)
           for (int i = 0; i < tile.width; ++i) {
