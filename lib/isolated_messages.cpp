@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "isolated_messages.h"
 
+#include <poll.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <ctime>
 
 #include "output_file.h"
 
@@ -58,6 +61,42 @@ bool receive_message(int socket, std::string& bytes, std::vector<int>& fds) {
   if (got <= 0 || (message.msg_flags & MSG_TRUNC)) return false;
   bytes.resize(static_cast<std::size_t>(got));
   return true;
+}
+
+namespace {
+
+// Seconds.
+double time_of(clockid_t clock) {
+  timespec now{};
+  ::clock_gettime(clock, &now);
+  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
+}
+
+// Seconds that all threads of a process have taken; 0 when it has gone.
+double processor_time(pid_t pid) {
+  clockid_t clock;
+  return ::clock_getcpuclockid(pid, &clock) == 0 ? time_of(clock) : 0;
+}
+
+}  // namespace
+
+bool wait_for_message(int socket, pid_t from, double stuck, double seconds) {
+  constexpr double kBusy = 10;             // times longer than alone
+  constexpr int kSliceMilliseconds = 100;  // what one wait counts as, at most, as this process may be stopped in it
+  double waited = 0, idle = 0, used = processor_time(from);
+  while (waited < kBusy * seconds && idle < stuck) {
+    pollfd polled{socket, POLLIN, 0};
+    const double begin = time_of(CLOCK_MONOTONIC);
+    const int ready = ::poll(&polled, 1, kSliceMilliseconds);
+    if (ready > 0) return true;
+    if (ready < 0 && errno != EINTR) return false;
+    const double slice = std::min(time_of(CLOCK_MONOTONIC) - begin, kSliceMilliseconds * 1e-3);
+    const double now = processor_time(from);
+    idle = now > used ? 0 : idle + slice;
+    waited += slice;
+    used = now;
+  }
+  return false;
 }
 
 std::string pack(const FileSpec& spec) {

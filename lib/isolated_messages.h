@@ -2,6 +2,8 @@
 // What the processes of isolated_reader.cpp say to each other.  Internal: not installed.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -15,8 +17,8 @@ namespace envconv {
 constexpr std::size_t kMaxMessage = 128 * 1024;  ///< bytes; below the usual limit of a socket's buffer
 
 /// How a message begins.
-enum class MessageKind : std::uint32_t { request, spec, failure, go, window, rows, done, death };
-constexpr std::int64_t kMessageKinds = 8;
+enum class MessageKind : std::uint32_t { request, started, spec, failure, go, window, rows, done, death };
+constexpr std::int64_t kMessageKinds = 9;
 
 /// A message, item by item.
 class MessageWriter {
@@ -78,6 +80,11 @@ class MessageReader {
 bool send_message(int socket, const std::string& bytes, const std::vector<int>& fds = {});
 /// False at the end, or on an error.  Descriptors that came along are the caller's.
 bool receive_message(int socket, std::string& bytes, std::vector<int>& fds);
+
+/// Waits for a message from a process, a child of any generation.  False when that one hangs: it takes no processor
+/// time for `stuck` seconds, or work that needs `seconds` of it is not done in the time that a busy machine could take.
+/// Time in which this process is stopped does not count.
+bool wait_for_message(int socket, pid_t from, double stuck, double seconds);
 
 /// A message of MessageKind::spec.
 std::string pack(const FileSpec& spec);

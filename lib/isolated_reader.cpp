@@ -8,6 +8,9 @@
 // it can say how the child died, and so that it notices when the caller has gone away.  The zygote opens no file and
 // runs no codec.  It loads the image library once, on the first request that needs it, since that costs a quarter of a
 // second.
+//
+// A child that works for ever reaches its limit of processor time, which the system keeps; one that is stuck takes
+// none, which the caller sees while it waits.  Neither counts time in which all are stopped, or wait for a processor.
 #include "isolated_reader.h"
 
 #include <fcntl.h>
@@ -29,7 +32,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <ctime>
 #include <mutex>
 #include <optional>
 #include <vector>
@@ -41,7 +43,8 @@
 namespace envconv {
 namespace {
 
-constexpr int kOpenSeconds = 20;  // to understand a header
+constexpr int kOpenSeconds = 20;   // of processor time, to understand a header
+constexpr int kStuckSeconds = 20;  // without any processor time
 
 // --- the child -----------------------------------------------------------------------------------------------------
 
@@ -96,7 +99,7 @@ struct Window {
   bool two = false;
 };
 
-// Seconds that a decoder may take: generous for a machine that is busy.
+// Seconds of processor time that a thread of a decoder may take.
 int decode_seconds(const FileSpec& spec) {
   double values = 0;
   for (const PictureSpec& picture : spec.pictures) {
@@ -127,7 +130,6 @@ Result<Ok> decode_all_for_caller(int shared, Decoder& decoder, std::uint64_t bas
   const FileSpec& spec = decoder.spec();
   const Plan plan = plan_of(spec);
   const ChildsMemory memory(shared, plan.bytes, spec, base, threads);
-  ::alarm(static_cast<unsigned>(decode_seconds(spec)));
   for (std::size_t i = 0; i < spec.pictures.size(); ++i)
     ENVCONV_CHECK(decoder.decode(static_cast<int>(i), memory.at(plan.offsets[i])));
   return Ok{};
@@ -141,8 +143,6 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
   std::string bytes;
   std::vector<int> fds;
   for (std::int64_t turn = 0;; ++turn) {
-    // Waiting for the caller is not decoding.
-    ::alarm(0);
     if (!receive_message(socket, bytes, fds)) ::_exit(0);
     MessageReader request(std::move(bytes));
     const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
@@ -151,7 +151,6 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     const auto first = static_cast<int>(request.number(0, picture.height - 1));
     const auto count = static_cast<int>(request.number(1, picture.height - first));
     if (kind != MessageKind::rows || !request.good()) ::_exit(0);
-    ::alarm(static_cast<unsigned>(decode_seconds(spec)));
     char* const to = memory.at(window.offset(turn));
     if (turn > 1) std::memset(to, 0, bytes_of_rows(picture, count));
     ENVCONV_CHECK(decoder.decode_rows(number, first, count, to));
@@ -166,6 +165,9 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     ::_exit(0);
   };
   try {
+    MessageWriter started(MessageKind::started);
+    started.number(::getpid());
+    if (!send_message(socket, started.bytes())) ::_exit(0);
     // OpenEXR uses memory it never wrote when a chunk inflates short, and so does HEIF's codec where its stream is
     // damaged; what comes out must be the same every time.  The image library allocates 60 MB to read the smallest
     // file, which this would fill.
@@ -177,13 +179,11 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     limit_resource(RLIMIT_CORE, 0);
     limit_resource(RLIMIT_FSIZE, 0);
     limit_resource(RLIMIT_AS, base);
-    limit_resource(RLIMIT_CPU, kOpenSeconds);
-    ::alarm(kOpenSeconds);
+    limit_resource(RLIMIT_CPU, hook == "spin" ? 1 : kOpenSeconds);
     if (hook == "crash") std::raise(SIGSEGV);
-    if (hook == "hang") {
-      ::alarm(1);
-      for (;;) ::pause();
-    }
+    while (hook == "spin") address_space();
+    while (hook == "hang") ::pause();
+    if (hook == "pause") ::sleep(1);
     if (hook == "exit") ::_exit(1);
     if (hook == "rubbish") finish(std::string(5000, '\x7F'));
     auto decoder = open_decoder(format, file, options);
@@ -191,8 +191,6 @@ Result<Ok> decode_rows_for_caller(int socket, int shared, Decoder& decoder, std:
     const FileSpec& spec = (*decoder)->spec();
     const std::string packed = pack(spec);
     if (packed.size() > kMaxMessage - 1024) finish(failure({ErrorCode::input, "has too much metadata"}).bytes());
-    // Waiting for the caller is not decoding.
-    ::alarm(0);
     if (!send_message(socket, packed)) ::_exit(1);
     std::string bytes;
     std::vector<int> fds;
@@ -349,10 +347,12 @@ bool start(Zygote& z) {
   return true;
 }
 
+Error took_too_long() {
+  return {ErrorCode::input, "the reader was stopped after taking too long (damaged, or made to do harm)"};
+}
+
 Error crashed(int signal) {
-  if (signal == SIGALRM || signal == SIGXCPU) {
-    return {ErrorCode::input, "the reader was stopped after taking too long (damaged, or made to do harm)"};
-  }
+  if (signal == SIGXCPU) return took_too_long();
   std::string how = "ended early";
   if (signal != 0) {
     const char* name = ::sigabbrev_np(signal);
@@ -375,6 +375,7 @@ class IsolatedReader final : public PixelSource {
     request.number(options.level);
     const char* hook = std::getenv("ENVCONV_TEST_READER");  // tests make a child misbehave
     request.text(hook ? hook : "");
+    if (hook) stuck_seconds_ = 2;
     Error error{ErrorCode::internal, "no process to decode it in"};
     // A zygote that died is replaced, once.
     for (int attempt = 0; attempt < 2; ++attempt) {
@@ -388,6 +389,7 @@ class IsolatedReader final : public PixelSource {
         const std::lock_guard lock(z.mutex);
         if (z.control < 0 || z.owner != ::getpid()) start(z);
         if (z.control >= 0) sent = send_message(z.control, request.bytes(), {fd, sockets[1]});
+        child_ = z.pid;  // until it has one, which is after the image library was loaded
         if (!sent) {
           if (z.control >= 0) ::close(z.control);
           z.control = -1;
@@ -399,8 +401,11 @@ class IsolatedReader final : public PixelSource {
       if (!sent) continue;
       MessageReader reply("");
       MessageKind kind = MessageKind::death;
-      // Loading the image library comes on top of the child's own limit.
-      const auto got = receive(kOpenSeconds + 20, kind, reply);
+      auto got = receive(kOpenSeconds, kind, reply);
+      if (got && kind == MessageKind::started) {
+        child_ = static_cast<pid_t>(reply.number(1, INT32_MAX));
+        got = receive(kOpenSeconds, kind, reply);
+      }
       if (!got) {
         error = got.error();
         // No word at all, not even of a death: the zygote is gone.
@@ -474,11 +479,11 @@ class IsolatedReader final : public PixelSource {
     if (!mapped) return no_memory_for(plan.bytes);
     MessageReader reply("");
     MessageKind kind = MessageKind::death;
-    ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) + 20 : 5, kind, reply));
+    ENVCONV_CHECK(receive(sent ? decode_seconds(spec_) : 1, kind, reply));
     if (kind != MessageKind::done) return senseless();
     // The memory is used as it is, so nobody may write there any more.
     ended_ = true;
-    ENVCONV_CHECK(receive(20, kind, reply));
+    ENVCONV_CHECK(receive(kOpenSeconds, kind, reply));
     if (kind != MessageKind::death) return senseless();
     return Ok{};
   }
@@ -552,24 +557,15 @@ class IsolatedReader final : public PixelSource {
   Result<Ok> receive_done() {
     MessageReader reply("");
     MessageKind kind = MessageKind::death;
-    ENVCONV_CHECK(receive(decode_seconds(spec_) + 20, kind, reply));
+    ENVCONV_CHECK(receive(decode_seconds(spec_), kind, reply));
     return kind == MessageKind::done ? Result<Ok>(Ok{}) : senseless();
   }
 
-  // A spec or done, and then its death; failures, and deaths before, are errors.
+  // What a child says that may take so many seconds of processor time: that it started, a spec or done, and then its
+  // death.  Failures, and deaths before, are errors.
   Result<Ok> receive(int seconds, MessageKind& kind, MessageReader& reply) {
     silent_ = false;
-    timespec now;
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
-    const std::int64_t until = now.tv_sec + seconds;
-    for (;;) {
-      pollfd polled{socket_, POLLIN, 0};
-      ::clock_gettime(CLOCK_MONOTONIC, &now);
-      const int ready = ::poll(&polled, 1, static_cast<int>(std::max<std::int64_t>(until - now.tv_sec, 0)) * 1000);
-      if (ready < 0 && errno == EINTR) continue;
-      if (ready <= 0) return crashed(SIGALRM);
-      break;
-    }
+    if (!wait_for_message(socket_, child_, stuck_seconds_, seconds)) return took_too_long();
     std::string bytes;
     std::vector<int> fds;
     const bool received = receive_message(socket_, bytes, fds);
@@ -586,6 +582,8 @@ class IsolatedReader final : public PixelSource {
   }
 
   int socket_ = -1;
+  pid_t child_ = -1;
+  double stuck_seconds_ = kStuckSeconds;
   bool silent_ = false;
   FileSpec spec_, theirs_;            // as this delivers pictures in bands, and as the child does
   std::vector<MappedMemory> memory_;  // of each picture that was decoded whole, until it is asked for

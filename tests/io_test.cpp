@@ -852,6 +852,7 @@ TEST_F(Io, AReaderThatDiesIsAnError) {
   for (const char* name : {"a.exr", "a.png"}) {
     for (const auto& [how, text] : {std::pair{"crash", "crashed (SIGSEGV)"},
                                     {"hang", "too long"},
+                                    {"spin", "too long"},
                                     {"exit", "ended early"},
                                     {"rubbish", "senseless"},
                                     {"zygote", "ended early"}}) {

@@ -110,6 +110,22 @@ class Signals(Case):
         os.close(read_end)
         os.close(write_end)
 
+    def test_a_pause_is_not_a_hang(self):
+        # Decoding is given two seconds without processor time here, of which it spends one; and then all are stopped.
+        write_constant(self.path("in.exr"))
+        tool = self.start("in.exr", "-o", "out.exr", start_new_session=True,
+                          env={**os.environ, "ENVCONV_TEST_READER": "pause"})
+        time.sleep(0.6)
+        os.killpg(tool.pid, signal.SIGSTOP)
+        time.sleep(4)
+        self.assertIsNone(tool.poll())
+        os.killpg(tool.pid, signal.SIGCONT)
+        self.assertEqual((tool.communicate(timeout=60), tool.returncode), ((b"", b""), 0))
+        self.assertEqual(self.files(), ["in.exr", "out.exr"])
+        # And a hang is one.
+        self.run_tool("convert", "in.exr", "-o", "out.exr", env={**os.environ, "ENVCONV_TEST_READER": "hang"}, expect=3)
+        self.says("in.exr: the reader was stopped after taking too long")
+
     def test_what_was_ignored_stays_ignored(self):
         names = self.make(30)
         tool = self.start(*names, "-o", "out/", "--size", 64, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
