@@ -124,7 +124,7 @@ void unpack_note(std::string_view note, Metadata& metadata) {
 // --- reading -------------------------------------------------------------------------------------------------------
 
 struct Header {
-  std::uint32_t height, width, mip_count, caps2;
+  std::uint32_t flags, height, width, pitch, mip_count, caps2;
   std::uint32_t pixel_flags, code, bits;
   std::array<std::uint32_t, 4> masks;  // red, green, blue, alpha
   bool extended = false;               // the rest is there
@@ -205,7 +205,8 @@ class DdsDecoder final : public TextureDecoder {
     if (size < data_offset_ || face_bytes_ * static_cast<std::uint64_t>(shape_.pictures) > size - data_offset_) {
       return truncated_texture();
     }
-    return Ok{};
+    const std::uint64_t read = data_offset_ + face_bytes_ * static_cast<std::uint64_t>(shape_.pictures);
+    return size > read ? judge_rest(h, size - read) : Ok{};
   }
 
   // What the image library is to decode, or nullptr.
@@ -214,6 +215,28 @@ class DdsDecoder final : public TextureDecoder {
   const TextureShape& shape() const { return shape_; }
 
  private:
+  // Bytes after the last texel.  Some engines put data of their own there; but where they are as many as further levels
+  // or pictures have, or where the header's pitch is of another size too, the texels are not where the header says.
+  Result<Ok> judge_rest(const Header& h, std::uint64_t rest) {
+    const Size size = shape_.size;
+    const auto pictures = static_cast<std::uint64_t>(shape_.pictures);
+    bool texels = rest % face_bytes_ == 0;
+    std::uint64_t further = 0;
+    for (int level = shape_.levels; level < full_chain(size.width, size.height); ++level) {
+      const Size here = size_of_level(size, level);
+      further += surface_bytes(facts_.format, here.width, here.height);
+      texels = texels || rest == further * pictures;
+    }
+    if ((h.flags & kPitch) != 0) texels = texels || h.pitch != row_bytes(facts_.format, size.width);
+    if ((h.flags & kLinearSize) != 0) {
+      texels = texels || h.pitch != surface_bytes(facts_.format, size.width, size.height);
+    }
+    const std::string much = std::to_string(rest) + " bytes after the last texel";
+    if (texels) return damaged_texture(much + ", more than its header tells of");
+    spec_.warnings.push_back("has " + much + ", which are not read");
+    return Ok{};
+  }
+
   Result<Header> read_header() {
     std::array<std::uint8_t, kHeaderSize + kExtensionSize> bytes{};
     ENVCONV_TRY(const std::uint64_t size, file_size());
@@ -222,8 +245,10 @@ class DdsDecoder final : public TextureDecoder {
     const auto word = [&](std::size_t at) { return little_endian<std::uint32_t>(bytes.data() + at); };
     if (word(0) != fourcc("DDS ") || word(4) != 124 || word(76) != 32) return damaged_texture("a bad DDS header");
     Header h{};
+    h.flags = word(8);
     h.height = word(12);
     h.width = word(16);
+    h.pitch = word(20);
     h.mip_count = word(28);
     h.pixel_flags = word(80);
     h.code = word(84);

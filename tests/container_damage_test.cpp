@@ -60,7 +60,12 @@ TEST_F(Damage, OfDds) {
   for (const std::uint32_t v : {1u << 20, 0x7FFFFFFFu, 0xFFFFFFFFu}) expect_refused_with("a.dds", 16, v, "claims");
   for (const std::uint32_t v : {4u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 28, v, "levels");
   expect_refused_with("a.dds", 28, 3, "truncated");
-  expect_refused_with("a.dds", 128, 71, "truncated");  // BC1 is smaller, but no picture for the image library
+  expect_refused_with("a.dds", 128, 71, "864 bytes after the last texel");  // BC1 is smaller
+  // Fewer levels than there are, and half the size: the faces would be taken from wrong places.
+  for (const std::uint32_t v : {0u, 1u}) expect_refused_with("a.dds", 28, v, "192 bytes after the last texel");
+  std::string small = bytes_of("a.dds");
+  for (const std::size_t at : {12, 16}) set_word(small, at, 2);
+  expect_refused(small, "720 bytes after the last texel", "bad.dds");
   for (const std::uint32_t v : {0u, 1u, 94u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 128, v, "not supported");
   for (const std::uint32_t v : {2u, 4u}) expect_refused_with("a.dds", 132, v, "no two-dimensional texture");
   for (const std::uint32_t v : {0u, 2u, 6u, 0xFFFFFFFFu}) expect_refused_with("a.dds", 140, v, "cube maps");
@@ -77,6 +82,23 @@ TEST_F(Damage, OfDds) {
   std::string incomplete = dds_header(4, 1, 4, 113, 0, {}) + std::string(6 * 16 * 8, '\0');
   set_word(incomplete, 112, 0xFA00);
   expect_refused(incomplete, "lacks some", "bad.dds");
+}
+
+TEST_F(Damage, NotWhatFollowsADdsFilesTexels) {
+  const std::string bytes = good("a.dds");
+  for (const char* more : {"CExtAttC", "x"}) {
+    put("more.dds", bytes + more);
+    const auto file = read("more.dds");
+    ASSERT_TRUE(file) << file.error().message;
+    ASSERT_EQ(file->warnings.size(), 1u);
+    EXPECT_NE(file->warnings[0].find("after the last texel, which are not read"), std::string::npos);
+  }
+  // A lost flag: one face, and five more.
+  std::string flat = dds_header(4, 1, 4, 113, 0, {}) + std::string(6 * 16 * 8, '\0');
+  put("flat.dds", flat);
+  EXPECT_TRUE(read("flat.dds"));
+  set_word(flat, 112, 0);
+  expect_refused(flat, "640 bytes after the last texel", "bad.dds");
 }
 
 TEST_F(Damage, OfKtx2) {
