@@ -15,7 +15,9 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
+#include "bmp_rle.h"
 #include "decoder.h"
 #include "tiff_bounds.h"
 
@@ -95,7 +97,9 @@ class OpenFile {
 
 struct Input {
   explicit Input(int fd) : file(fd) {}
-  OpenFile file;  // outlives its reader
+  OpenFile file;                       // outlives its reader
+  std::vector<std::uint8_t> unpacked;  // likewise; what is read instead
+  std::unique_ptr<oiio::Filesystem::IOMemReader> memory;
   std::unique_ptr<oiio::ImageInput> in;
   oiio::ImageSpec spec;
   Type type{};
@@ -132,6 +136,15 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
       return 0;
     }
     auto input = std::make_unique<Input>(fd);
+    if (std::string_view(format) == "bmp") {
+      auto unpacked = envconv::unpack_bmp(fd);
+      if (!unpacked) {
+        say(error, size, unpacked.error().message);
+        return 0;
+      }
+      input->unpacked = std::move(*unpacked);
+      input->memory = std::make_unique<oiio::Filesystem::IOMemReader>(input->unpacked.data(), input->unpacked.size());
+    }
     // By format, never by name: a name would let the library try all its readers.
     input->in = oiio::ImageInput::create(format);
     if (!input->in) {
@@ -140,7 +153,9 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
     }
     // Two of the readers open names and nothing else.
     std::string name = kName;
-    if (input->in->supports("ioproxy") && input->file.proxy()) {
+    if (!input->unpacked.empty()) {
+      input->in->set_ioproxy(input->memory.get());
+    } else if (input->in->supports("ioproxy") && input->file.proxy()) {
       input->in->set_ioproxy(input->file.proxy());
     } else {
       name = kFolder + std::to_string(fd);

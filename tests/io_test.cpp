@@ -914,6 +914,71 @@ TEST_F(Io, TheContentsSayWhatAFileIs) {
   EXPECT_EQ(file->format, "png");
 }
 
+// Grey, in 256 or 16 steps.
+std::string rle_bmp(bool nibbles, int width, const std::vector<unsigned char>& stream) {
+  const int colors = nibbles ? 16 : 256;
+  std::string bytes = "BM";
+  const auto word = [&bytes](int v) { bytes.append(reinterpret_cast<const char*>(&v), 4); };
+  const int planes_and_bits = 1 | (nibbles ? 4 : 8) << 16;
+  for (const int v : {0, 0, 54 + 4 * colors, 40, width, 3, planes_and_bits, nibbles ? 2 : 1, 0, 0, 0, 0, 0}) word(v);
+  for (int i = 0; i < colors; ++i) word(i * (nibbles ? 17 : 1) * 0x10101);
+  return bytes.append(stream.begin(), stream.end());
+}
+
+TEST_F(Io, RunLengthEncodedBitmaps) {
+  // The examples of Microsoft's "Bitmap Compression", and the indices that it says they stand for, lowest row first.
+  struct Example {
+    bool nibbles;
+    std::vector<unsigned char> stream;
+    std::vector<std::vector<int>> rows;
+  };
+  const Example examples[] = {
+      {false,
+       {3, 4, 5, 6, 0, 3, 0x45, 0x56, 0x67, 0, 2, 0x78, 0, 2, 5, 1, 2, 0x78, 0, 0, 9, 0x1E},
+       {{4, 4, 4, 6, 6, 6, 6, 6, 0x45, 0x56, 0x67, 0x78, 0x78, 0, 0, 0, 0, 0, 0, 0},
+        {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x78, 0x78},
+        {0x1E, 0x1E, 0x1E, 0x1E, 0x1E, 0x1E, 0x1E, 0x1E, 0x1E, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}}},
+      {true,
+       {3, 4, 5, 6, 0, 6, 0x45, 0x56, 0x67, 0, 4, 0x78, 0, 2, 5, 1, 4, 0x78, 0, 0, 9, 0x1E},
+       {{0, 4, 0, 0, 6, 0, 6, 0, 4, 5, 5, 6, 6, 7, 7, 8, 7, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0},
+        {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 7, 8, 7, 8},
+        {1, 14, 1, 14, 1, 14, 1, 14, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}}},
+  };
+  for (const auto& [nibbles, stream, rows] : examples) {
+    const int width = static_cast<int>(rows[0].size());
+    // ImageMagick ends the last line before the bitmap.
+    for (const std::vector<unsigned char>& end : {std::vector<unsigned char>{0, 1}, {0, 0, 0, 1}}) {
+      std::vector<unsigned char> whole = stream;
+      whole.insert(whole.end(), end.begin(), end.end());
+      put(path("a.bmp"), rle_bmp(nibbles, width, whole));
+      const auto file = read_pictures(path("a.bmp"), {});
+      ASSERT_TRUE(file.ok()) << file.error().message;
+      for (int y = 0; y < 3; ++y) {
+        for (int x = 0; x < width; ++x) {
+          const double value = 255 * srgb(file->pictures[0].image.at(x, 2 - y)[0]);
+          const int index = rows[static_cast<std::size_t>(y)][static_cast<std::size_t>(x)];
+          ASSERT_NEAR(value, index * (nibbles ? 17 : 1), 0.01) << x << " " << y;
+        }
+      }
+    }
+    // No end of the bitmap, or pixels outside it; and an index without a colour.
+    std::vector<unsigned char> bad[] = {stream, stream, stream, stream};
+    bad[1].insert(bad[1].end(), {200, 0x1E, 0, 1});
+    bad[2].insert(bad[2].end(), {0, 0, 1, 0x1E, 0, 1});
+    bad[3].insert(bad[3].end(), {0, 2, 1, 2, 0, 1});
+    for (const std::vector<unsigned char>& damaged : bad) {
+      put(path("bad.bmp"), rle_bmp(nibbles, width, damaged));
+      const auto file = read_pictures(path("bad.bmp"), {});
+      ASSERT_FALSE(file.ok());
+      EXPECT_NE(file.error().message.find("run-length"), std::string::npos) << file.error().message;
+    }
+    std::string few = rle_bmp(nibbles, width, stream);
+    few[46] = 14;
+    put(path("few.bmp"), few);
+    EXPECT_FALSE(read_pictures(path("few.bmp"), {}).ok());
+  }
+}
+
 // --- failures of writing -------------------------------------------------------------------------------------------
 
 TEST_F(Io, AFormatThatCannotHoldItIsRefusedBeforeAnythingIsWritten) {
