@@ -19,6 +19,13 @@ envconv_fuzz(ktx2_fuzz ktx2)
 envconv_fuzz(exr_fuzz exr)
 envconv_fuzz(hdr_fuzz hdr)
 envconv_fuzz(convert_fuzz convert)
+# The module's own.
+envconv_fuzz(bmp_fuzz bmp)
+foreach(target IN ITEMS bmp_fuzz_replay bmp_fuzz)
+  if(TARGET ${target})
+    target_sources(${target} PRIVATE lib/bmp_rle.cpp)
+  endif()
+endforeach()
 
 # What is the tool's: all of it but its main().
 get_target_property(sources envconv SOURCES)
