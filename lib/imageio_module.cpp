@@ -262,9 +262,8 @@ bool read_rows(const Input& input, char* pixels) {
   const std::size_t bytes = static_cast<std::size_t>(spec.width) * static_cast<std::size_t>(spec.nchannels) *
                             envconv::size_of(input.type.element);
   for (int y = 0; y < spec.height; ++y, pixels += bytes) {
-    if (!input.in->read_scanlines(0, input.level, spec.y + y, spec.y + y + 1, 0, 0, spec.nchannels,
-                                  input.type.delivered, pixels))
-      return false;
+    // The level is where open_file() left the reader.  To read several rows, the library would take 64 MB each time.
+    if (!input.in->read_scanline(spec.y + y, 0, input.type.delivered, pixels)) return false;
   }
   return true;
 }
