@@ -4,6 +4,12 @@ find_package(Python3 REQUIRED COMPONENTS Interpreter)
 # Leaks are looked for in the test programs: in the tool, whose threads end with it, the search itself crashes at times.
 set(tool_options ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=0 ENVCONV_SANITIZE=${sanitizers})
 
+# Seconds that a test may take.
+set(patience 600)
+if(ENVCONV_SANITIZE)
+  set(patience 3600)
+endif()
+
 # Faults on order, for LD_PRELOAD.
 add_library(inject MODULE tests/inject.cpp)
 target_compile_options(inject PRIVATE -fno-builtin)  # else a call of malloc in malloc may be "optimised"
@@ -44,7 +50,7 @@ endif()
 foreach(test IN LISTS cli_tests)
   add_test(NAME cli_${test} COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli/${test}_test.py
            WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/tests/cli)
-  set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT 600 ENVIRONMENT
+  set_tests_properties(cli_${test} PROPERTIES LABELS cli TIMEOUT ${patience} ENVIRONMENT
     "ENVCONV=$<TARGET_FILE:envconv>;ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR};ENVCONV_INJECTOR=$<TARGET_FILE:inject>;${tool_options}")
 endforeach()
 
@@ -57,12 +63,12 @@ endif()
 add_test(NAME oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/oracle_test.py)
 set(oracle_environment ENVCONV=$<TARGET_FILE:envconv> ENVCONV_SOURCE=${CMAKE_CURRENT_SOURCE_DIR}
                        PYTHONPATH=${CMAKE_CURRENT_SOURCE_DIR}/tests/cli ${tool_options})
-set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT "${oracle_environment}")
+set_tests_properties(oracle PROPERTIES LABELS oracle TIMEOUT ${patience} ENVIRONMENT "${oracle_environment}")
 
 add_executable(container_samples tests/container_samples.cpp)
 target_link_libraries(container_samples PRIVATE libenvconv)
 add_test(NAME container_oracle COMMAND Python3::Interpreter -B ${CMAKE_CURRENT_SOURCE_DIR}/tests/container_oracle_test.py)
-set_tests_properties(container_oracle PROPERTIES LABELS oracle TIMEOUT 300 ENVIRONMENT
+set_tests_properties(container_oracle PROPERTIES LABELS oracle TIMEOUT ${patience} ENVIRONMENT
   "${oracle_environment};CONTAINER_SAMPLES=$<TARGET_FILE:container_samples>")
 
 # Against packages that only npm has, which the first test downloads into the build folder, and Debian's chromium.
@@ -86,4 +92,4 @@ endif()
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
          ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)
 list(JOIN sanitize_options " " flags)  # the consumer's too; none but in builds with a sanitizer
-set_tests_properties(install PROPERTIES LABELS install TIMEOUT 300 ENVIRONMENT "CXXFLAGS=${flags}")
+set_tests_properties(install PROPERTIES LABELS install TIMEOUT ${patience} ENVIRONMENT "CXXFLAGS=${flags}")

@@ -248,11 +248,11 @@ class Formats(Case):
                 self.assertAlmostEqual(angle, wanted, delta=1e-6, msg=kind)
 
     def test_a_library_with_threads_of_its_own(self):
-        # A reader that inherits a lock from a thread that it does not inherit waits for ever: now and then.
+        # A reader that inherits a lock from a thread that it does not inherit waits, until it is stopped: now and then.
         write_constant(self.path("in.exr"), 0.5, 256, 128)
         self.run_tool("convert", "in.exr", "-o", "in.tif", "--to", "latlong")
         for _ in range(8):
-            self.assertEqual(self.run_tool("info", "in.tif", timeout=15).err, "")
+            self.assertEqual(self.run_tool("info", "in.tif").err, "")
 
     @unittest.skipIf(SANITIZED, "a sanitizer needs /proc itself")
     def test_without_proc(self):
@@ -338,7 +338,7 @@ class Failures(Case):
             time.sleep(0.4)
             self.assertIsNone(tool.poll(), "the conversion was over before the signal")
             tool.send_signal(number)
-            tool.communicate(timeout=10)
+            tool.communicate(timeout=60)
             self.assertEqual(tool.returncode, -number)
             self.assertEqual(self.files(), ["in.exr"])
 

@@ -31,7 +31,7 @@ class Case(unittest.TestCase):
 
     def run_tool(self, *words, expect=0, **options):
         """Runs envconv; the exit status must be `expect`."""
-        options.setdefault("timeout", 120)
+        options.setdefault("timeout", 600 if SANITIZED else 120)
         options.setdefault("cwd", self.folder)
         done = subprocess.run([BINARY, *map(str, words)], capture_output=True, **options)
         out, err = done.stdout.decode(), done.stderr.decode(errors="replace")
