@@ -8,12 +8,14 @@
 //  1. The 32 partitions are ranked by the variance across their regions' principal axes, which no index can express.
 //  2. In the most promising ones, and with one region, texels are projected on the axes, which gives indices, for which
 //     least squares give end points.  With the end points' best values known, what each mode's rounding and its reach
-//     of differences adds to the error is a quadratic form, so all modes are compared without decoding anything.
+//     of differences adds to the error is a quadratic form, so all modes are compared without decoding anything.  So
+//     are all the parts of a line that texels could be put on, each region for itself: end points of few bits hit some
+//     better than others, and with texels nearly alike nothing else decides.
 //  3. The best mode is tried in earnest: end points rounded (the second one to suit the first), indices chosen among
 //     all, the error that of a decoder's output bit for bit.  Partitions that do well go on: from several starts that
-//     put the texels on a part of the line only (coarsely rounded end points hit better from afar), the other way round
-//     (differences may reach from one end point and not from the other) or on other lines, with least squares for the
-//     indices found.  Two regions do best from different starts, so what each did best with is put together.
+//     put the texels on a part of the line only, the other way round (differences may reach from one end point and not
+//     from the other) or on other lines, with least squares for the indices found.  Two regions do best from different
+//     starts, so what each did best with is put together.
 //  4. The end points of the best encoding move by small steps as long as that helps.
 //
 // How far each step goes depends on the effort, and on the block: where one holds much of its neighbourhood's error, a
@@ -21,14 +23,16 @@
 //
 // What bounds it: steps 2 to 4 end in local minima.  Against trying all modes and partitions from many starts, each
 // followed by a descent (which ends in local minima, too), over 420 crops of 16x16 texels of eleven panoramas, most of
-// them picked where the loss was largest: on average 0.4 dB are lost (fast) or 0.2 dB gained (normal).  24 of the crops
-// lose more than 0.5 dB (normal), at most 1.5 dB and 2.3 dB where errors are about the rounding of halves.
+// them picked where the loss was largest: on average 0.1 dB are lost (fast) or 0.5 dB gained (normal).  8 of the crops
+// lose more than 0.5 dB (normal), at most 1.0 dB and 1.3 dB where errors are about the rounding of halves.
+// tests/bench/BC6H.md has crops that were not picked.
 //
 // The format is coarse where a block holds black and a sun: 16 levels over up to 30 octaves, or 8 with end points
 // rounded to half octaves.  Two or three such blocks moved the mean of a panorama by up to 13 percent in a channel,
 // hardly seen in the logarithm.  The mean is what lights a scene, black is what is looked at: so blocks whose sums of
 // radiance matter to the image's pay for what these are off, all at one price, and are searched again.  Of eleven
-// panoramas the means of channels are off by at most 0.54 percent then, 0.12 dB being paid at most (0.03 on average).
+// panoramas the means of channels are off by at most 0.54 percent then (fast: 0.93), 0.12 dB being paid at most (0.03
+// on average).
 #include "bc6h.h"
 
 #include <half.h>
@@ -49,6 +53,7 @@ namespace envconv {
 namespace {
 
 using bc6h::Block;
+using bc6h::Found;
 using bc6h::most_blocks;
 using bc6h::most_spans;
 using bc6h::Settings;
@@ -60,18 +65,39 @@ struct Pass {
   Settings settings;
 };
 
-constexpr Settings quick{.partitions = 8, .first_spans = 1, .survivors = 1, .spans = 6};
-constexpr Settings brief{
-    .partitions = 20, .first_spans = 3, .survivors = 2, .spans = most_spans, .polish = 1, .reach = 2};
-constexpr Settings usual{
-    .partitions = 12, .first_spans = 2, .survivors = 1, .spans = most_spans, .polish = 1, .reach = 1};
-constexpr Settings careful{
-    .partitions = 32, .first_spans = 3, .survivors = 3, .spans = most_spans, .exchanges = 1, .polish = 1, .reach = 2};
+constexpr Settings quick{.partitions = 5, .combined = {30, 28}, .refinements = 1};
+constexpr Settings brief{.partitions = 20,
+                         .first_spans = 2,
+                         .spans = {2, 4},
+                         .combined = {60, 28},
+                         .refinements = 1,
+                         .exchanges = 1,
+                         .polish = 1,
+                         .reach = 1};
+constexpr Settings usual{.partitions = 10,
+                         .first_spans = 2,
+                         .survivors = 2,
+                         .spans = {2, 3},
+                         .combined = {60, 28},
+                         .refinements = 1,
+                         .polish = 1,
+                         .reach = 1};
+constexpr Settings careful{.partitions = 32,
+                           .first_spans = 3,
+                           .survivors = 3,
+                           .spans = {4, most_spans},
+                           .combined = {90, 28},
+                           .combined_modes = 2,
+                           .refinements = 1,
+                           .exchanges = 1,
+                           .polish = 1,
+                           .reach = 2};
 constexpr Settings thorough{.partitions = 32,
                             .first_spans = 3,
                             .survivors = 4,
-                            .spans = most_spans,
-                            .modes = 2,
+                            .spans = {most_spans, most_spans},
+                            .combined = {60, 40},
+                            .combined_modes = 3,
                             .refinements = 2,
                             .exchanges = 1,
                             .other_lines = true,
@@ -90,7 +116,7 @@ constexpr double price_of_mean = 7;
 constexpr double least_paid = 3e-4;
 constexpr Settings balanced = thorough_in(12);
 
-constexpr Pass fast_passes[] = {{0, quick}, {0.3, brief}};
+constexpr Pass fast_passes[] = {{0, quick}, {0.25, brief}};
 constexpr Pass normal_passes[] = {{0, usual}, {0.2, careful}, {0.35, thorough}};
 constexpr Pass best_passes[] = {{0, thorough_in(6)}};
 
@@ -125,16 +151,18 @@ class Encoder {
         blocks_(blocks),
         columns_(blocks_along(image.width())),
         rows_(blocks_along(image.height())),
-        errors_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), HUGE_VALF) {}
+        errors_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), HUGE_VALF),
+        sums_(errors_.size()),
+        differences_(errors_.size()) {}
 
   void run(const Pass& pass) { search_all(chosen_by(pass.share), pass.settings); }
 
   // Searches the blocks again whose sums' errors matter to the image's sum.
   void balance() {
-    find_differences();
+    set_price();
     std::vector<int> chosen;
     for (std::size_t block = 0; block < errors_.size(); ++block)
-      if (paid_[block] > least_paid * total_) chosen.push_back(static_cast<int>(block));
+      if (paid(block) > least_paid * total_) chosen.push_back(static_cast<int>(block));
     search_all(chosen, balanced);
   }
 
@@ -148,32 +176,21 @@ class Encoder {
     });
   }
 
-  // What the differences of blocks' sums count.
-  void find_differences() {
-    std::vector<std::array<double, 3>> sums(errors_.size()), differences(errors_.size());
-    tbb::parallel_for(std::size_t{0}, errors_.size(), [&](std::size_t block) {
-      Texels texels;
-      gather(image_, static_cast<int>(block) % columns_, static_cast<int>(block) / columns_, 0, texels);
-      Block found;
-      bc6h::unpack(blocks_ + block * 16, false, found);
-      const auto decoded = bc6h::decode(found, false);
-      for (std::size_t c = 0; c < 3; ++c)
-        for (std::size_t k = 0; k < 16; ++k) {
-          const float given = texels.radiance[k][c][0];
-          const double x = given > 0 ? std::min(given, 65504.f) : 0;
-          sums[block][c] += x;
-          differences[block][c] += static_cast<double>(Imath::half(Imath::half::FromBits, decoded[k][c])) - x;
-        }
-    });
+  // Sets a price on differences of sums.
+  void set_price() {
     total_ = std::accumulate(errors_.begin(), errors_.end(), 0.0);
-    paid_.assign(errors_.size(), 0);
     for (std::size_t c = 0; c < 3; ++c) {
       double sum = 0;
-      for (const auto& of_block : sums) sum += of_block[c];
+      for (const auto& of_block : sums_) sum += of_block[c];
       price_[c] = sum > 0 ? static_cast<float>(price_of_mean * total_ / 3 / sum) : 0;
-      for (std::size_t block = 0; block < paid_.size(); ++block)
-        paid_[block] += price_[c] * static_cast<float>(std::abs(differences[block][c]));
     }
+  }
+
+  // What a block pays for the differences of its sums.
+  float paid(std::size_t block) const {
+    float sum = 0;
+    for (std::size_t c = 0; c < 3; ++c) sum += price_[c] * std::abs(differences_[block][c]);
+    return sum;
   }
 
   // Keeps what is better than before.
@@ -184,15 +201,16 @@ class Encoder {
       const int block = chosen[std::min(static_cast<std::size_t>(i), chosen.size() - 1)];
       gather(image_, block % columns_, block / columns_, i, texels);
     }
-    std::array<Block, most_blocks> found;
-    std::array<float, most_blocks> errors;
-    bc6h::search(texels, static_cast<int>(chosen.size()), settings, found.data(), errors.data());
+    std::array<Found, most_blocks> found;
+    bc6h::search(texels, static_cast<int>(chosen.size()), settings, found.data());
     for (std::size_t i = 0; i < chosen.size(); ++i) {
       const auto block = static_cast<std::size_t>(chosen[i]);
-      const float before = errors_[block] + (paid_.empty() ? 0 : paid_[block]);
-      if (!(errors[i] < before)) continue;
-      errors_[block] = errors[i];
-      bc6h::pack(found[i], blocks_ + block * 16);
+      const Found& now = found[i];
+      if (!(now.error < errors_[block] + paid(block))) continue;
+      errors_[block] = now.error;
+      std::copy_n(now.sum, 3, sums_[block].begin());
+      std::copy_n(now.difference, 3, differences_[block].begin());
+      bc6h::pack(now.block, blocks_ + block * 16);
     }
   }
 
@@ -221,9 +239,9 @@ class Encoder {
   std::uint8_t* blocks_;
   int columns_, rows_;
   std::vector<float> errors_;
-  double total_ = 0;              // of the errors
-  std::array<float, 3> price_{};  // of a difference of sums, as an error
-  std::vector<float> paid_;       // by each block for its own, where they count
+  double total_ = 0;                                      // of the errors
+  std::vector<std::array<float, 3>> sums_, differences_;  // of radiance, by block and channel
+  std::array<float, 3> price_{};                          // of a difference of sums, as an error
 };
 
 }  // namespace

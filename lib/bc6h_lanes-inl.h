@@ -269,10 +269,10 @@ HWY_INLINE Lane radiance_of(Lane code) {
   return select(code < 1024.0, code * 0x1p-24, lane_of_bits(bits));
 }
 
-// What the differences of channels' sums count, of a candidate with its indices.
+// How far channels' sums are from what they should be, of a candidate with its indices.
 template <int regions>
-HWY_NOINLINE Lane imbalance(const Target& t, const Regions& r, const Format& f, const Candidate& a) {
-  Lane total = 0.0;
+HWY_NOINLINE void find_differences(const Target& t, const Regions& r, const Format& f, const Candidate& a,
+                                   Lane difference[3]) {
   for (int c = 0; c < 3; ++c) {
     Lane start[2], length[2], sum = 0.0;
     for (int g = 0; g < regions; ++g) {
@@ -285,9 +285,8 @@ HWY_NOINLINE Lane imbalance(const Target& t, const Regions& r, const Format& f, 
                      by_region<regions>(r, k, start[0], start[regions - 1]);
       sum = sum + radiance_of(floor(floor(u + 0.5) * (31.0 / 64)));
     }
-    total = total + abs(sum - t.sum[c]) * static_cast<double>(t.price[c]);
+    difference[c] = sum - t.sum[c];
   }
-  return total;
 }
 
 // Sets the best indices for the candidate's end points, and the error: of what a decoder makes of them, bit for bit.
@@ -300,33 +299,45 @@ HWY_NOINLINE Lane evaluate(const Target& t, const Regions& r, const Format& f, C
     for (int c = 0; c < 3; ++c) palette_of<regions>(f, a.ends[2 * g][c], a.ends[2 * g + 1][c], palette[g][c]);
   a.error = 0.0;
   Lane second = 0.0;
-  for (int k = 0; k < 16; ++k) {
-    Lane least = most, index = 0.0;
-    for (int i = 0; i < (k == 0 ? count / 2 : count); ++i) {
-      Lane error = 0.0;
+  for (int k = 0; k < 16; k += 2) {  // two at once, whose comparisons do not wait for each other
+    Lane least[2] = {most, most}, index[2] = {0.0, 0.0};
+    const auto compare = [&](int j, int i, Lane added) HWY_ATTR {
+      Lane error = added;
       for (int c = 0; c < 3; ++c) {
-        const Lane e = by_region<regions>(r, k, palette[0][c][i], palette[regions - 1][c][i]) - t.level[k][c];
+        const Lane e = by_region<regions>(r, k + j, palette[0][c][i], palette[regions - 1][c][i]) - t.level[k + j][c];
         error = error + e * e;
       }
-      if (i >= count / 2) error = forbid_at_anchor<regions>(r, k, error);
-      index = select(error < least, i, index);
-      least = min(error, least);
+      index[j] = select(error < least[j], i, index[j]);
+      least[j] = min(error, least[j]);
+    };
+#pragma GCC unroll 8
+    for (int i = 0; i < count / 2; ++i) compare(0, i, 0.0), compare(1, i, 0.0);
+    const Lane added[2] = {k == 0 ? Lane(most) : forbid_at_anchor<regions>(r, k, 0.0),
+                           forbid_at_anchor<regions>(r, k + 1, 0.0)};
+#pragma GCC unroll 8
+    for (int i = count / 2; i < count; ++i) compare(0, i, added[0]), compare(1, i, added[1]);
+    for (int j = 0; j < 2; ++j) {
+      a.index[k + j] = index[j];
+      least[j] = least[j] * t.emphasis[k + j];
+      a.error = a.error + least[j];
+      if constexpr (regions == 2) second = second + where(r.second[k + j], least[j]);
     }
-    a.index[k] = index;
-    least = least * t.emphasis[k];
-    a.error = a.error + least;
-    if constexpr (regions == 2) second = second + where(r.second[k], least);
   }
-  if (t.balanced) a.error = a.error + imbalance<regions>(t, r, f, a);
+  if (t.balanced) {
+    Lane difference[3];
+    find_differences<regions>(t, r, f, a, difference);
+    for (int c = 0; c < 3; ++c) a.error = a.error + abs(difference[c]) * static_cast<double>(t.price[c]);
+  }
   return second;
 }
 
 // --- end points for given indices
 
 // Where a region's end points should be in one channel: for end points x and y the error is
-// aa (x - a)^2 + 2 ab (x - a) (y - b) + bb (y - b)^2 and something that does not depend on them.
+// first (x - a)^2 + second (y - b + slope (x - a))^2 and something that does not depend on them.
 struct Fit {
-  Lane aa, ab, bb, a, b;
+  Lane first, second, slope, a, b;
+  Lane explained;  // what is left of the error is less than the texels' own sum of squares by so much
 };
 // Sums over texels of weight s, the second end point's share w, and the wanted u.
 struct Moments {
@@ -337,16 +348,20 @@ HWY_INLINE Moments operator-(const Moments& a, const Moments& b) {
 }
 HWY_INLINE Fit solve(const Moments& m, Lane base) {
   Fit f;
-  f.bb = m.sww;
-  f.ab = m.sw - m.sww;
-  f.aa = m.s - m.sw - f.ab;
+  const Lane bb = m.sww, ab = m.sw - m.sww, aa = m.s - m.sw - ab;  // of the quadratic form
+  f.second = bb;
+  f.slope = ab / max(bb, 1e-30);
+  f.first = max(aa - ab * f.slope, 0.0);
   const Lane au = m.su - m.swu, bu = m.swu;
-  const Lane determinant = f.aa * f.bb - f.ab * f.ab;
+  const Lane determinant = aa * bb - ab * ab;
   const LaneMask regular = determinant > m.s * m.s * 1e-4;  // else all indices are alike
   const Lane inverse = 1.0 / select(regular, determinant, 1.0);
   const Lane mean = m.su / max(m.s, 1e-30);
-  f.a = base + select(regular, inverse * (au * f.bb - bu * f.ab), mean);
-  f.b = base + select(regular, inverse * (bu * f.aa - au * f.ab), mean);
+  const Lane a = select(regular, inverse * (au * bb - bu * ab), mean);
+  const Lane b = select(regular, inverse * (bu * aa - au * ab), mean);
+  f.explained = a * au + b * bu;
+  f.a = base + a;
+  f.b = base + b;
   return f;
 }
 
@@ -393,33 +408,50 @@ HWY_NOINLINE void least_squares(const Target& t, const Regions& r, const Format*
   }
 }
 
-// Rounds the end points of a fit to a format, each second one to suit its rounded first one, and returns what that
-// costs.  With two attempts the first ones are rounded both ways.
-template <int regions, int attempts>
-HWY_INLINE Lane round_ends(const Fit fit[regions][3], const Format& f, Lane ends[4][3]) {
-  Lane total = 0.0;
+// A region's two end points of one channel in a format, the first one rounded to q, the second one to suit it; all but
+// the first region's first one are within reach of `origin`.
+struct Rounded {
+  Lane q[2], cost;
+};
+HWY_INLINE Rounded round_pair(const Fit& x, const Format& f, int channel, Lane q, const Lane* origin) {
+  const auto within = [&](Lane end, Lane first) HWY_ATTR {
+    return clamp(clamp(end, first + f.low[channel], first + f.high[channel]), 0.0, f.top);
+  };
+  Rounded r;
+  r.q[0] = origin ? within(q, *origin) : q;
+  const Lane da = unquantize(f, r.q[0]) - x.a;
+  const Lane suited = x.b - x.slope * da;
+  r.q[1] = within(quantize(f, suited), origin ? *origin : r.q[0]);
+  const Lane off = unquantize(f, r.q[1]) - suited;
+  r.cost = x.first * (da * da) + x.second * (off * off);
+  return r;
+}
+
+// What rounding a fit to a format costs, by region.
+template <int regions>
+HWY_INLINE void rounding_costs(const Fit fit[regions][3], const Format& f, Lane cost[regions]) {
+  for (int g = 0; g < regions; ++g) cost[g] = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const Rounded first = round_pair(fit[0][c], f, c, quantize(f, fit[0][c].a), nullptr);
+    cost[0] = cost[0] + first.cost;
+    if constexpr (regions == 2)
+      cost[1] = cost[1] + round_pair(fit[1][c], f, c, quantize(f, fit[1][c].a), &first.q[0]).cost;
+  }
+}
+
+// Rounds the end points of a fit to a format: the first ones both ways, each second one to suit its first one.
+template <int regions>
+HWY_INLINE void round_ends(const Fit fit[regions][3], const Format& f, Lane ends[4][3]) {
   for (int c = 0; c < 3; ++c)
     for (int g = 0; g < regions; ++g) {
-      const Fit& x = fit[g][c];
-      const Lane slope = x.ab / max(x.bb, 1e-30);
-      const auto within = [&](Lane q, Lane first)
-                              HWY_ATTR { return clamp(clamp(q, first + f.low[c], first + f.high[c]), 0.0, f.top); };
-      Lane q = quantize(f, x.a), least = most;
-      const Lane other_way = select(x.a > unquantize(f, q), Lane(1.0), -1.0);
-      for (int attempt = 0; attempt < attempts; ++attempt, q = clamp(q + other_way, 0.0, f.top)) {
-        const Lane qa = g == 0 ? q : within(q, ends[0][c]);
-        const Lane da = unquantize(f, qa) - x.a;
-        const Lane qb = within(quantize(f, x.b - slope * da), g == 0 ? qa : ends[0][c]);
-        const Lane db = unquantize(f, qb) - x.b;
-        const Lane cost = x.aa * da * da + 2.0 * x.ab * da * db + x.bb * db * db;
-        const LaneMask better = cost < least;
-        least = min(cost, least);
-        ends[2 * g][c] = attempt == 0 ? qa : select(better, qa, ends[2 * g][c]);
-        ends[2 * g + 1][c] = attempt == 0 ? qb : select(better, qb, ends[2 * g + 1][c]);
-      }
-      total = total + least;
+      const Lane* origin = g == 0 ? nullptr : &ends[0][c];
+      const Lane a = fit[g][c].a, q = quantize(f, a);
+      const Lane other = clamp(q + select(a > unquantize(f, q), Lane(1.0), -1.0), 0.0, f.top);
+      const Rounded nearest = round_pair(fit[g][c], f, c, q, origin);
+      const Rounded farther = round_pair(fit[g][c], f, c, other, origin);
+      const LaneMask better = farther.cost < nearest.cost;
+      for (int e = 0; e < 2; ++e) ends[2 * g + e][c] = select(better, farther.q[e], nearest.q[e]);
     }
-  return total;
 }
 
 }  // namespace envconv::bc6h::HWY_NAMESPACE

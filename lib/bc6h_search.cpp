@@ -9,6 +9,7 @@
 #include "lane-inl.h"
 // After it, since it brings Lane.
 #include "bc6h_lanes-inl.h"
+#include "bc6h_lines-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace envconv::bc6h::HWY_NAMESPACE {
@@ -36,78 +37,6 @@ struct Least {
   }
 };
 
-// --- lines through texels
-
-// Sums over a set of texels of 1, of their places (relative to the block's mean) and of the places' products.
-struct Spread {
-  Lane n, x[3], xx[6];  // xx: 00 01 02 11 12 22
-};
-HWY_INLINE Spread no_spread() { return {0.0, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0, 0.0, 0.0, 0.0}}; }
-HWY_INLINE Spread operator-(const Spread& a, const Spread& b) {
-  Spread s;
-  s.n = a.n - b.n;
-  for (int c = 0; c < 3; ++c) s.x[c] = a.x[c] - b.x[c];
-  for (int i = 0; i < 6; ++i) s.xx[i] = a.xx[i] - b.xx[i];
-  return s;
-}
-
-struct Lines {
-  Lane x[16][3], xx[16][6];
-  Spread all;
-};
-HWY_INLINE void load(const Lane (&texels)[16][3], Lines& lines) {
-  lines.all = no_spread();
-  for (int c = 0; c < 3; ++c) {
-    Lane mean = 0.0;
-    for (int k = 0; k < 16; ++k) mean = mean + texels[k][c] * (1.0 / 16);
-    for (int k = 0; k < 16; ++k) {
-      lines.x[k][c] = texels[k][c] - mean;
-      lines.all.x[c] = lines.all.x[c] + lines.x[k][c];
-    }
-  }
-  lines.all.n = 16.0;
-  for (int k = 0; k < 16; ++k) {
-    const Lane* x = lines.x[k];
-    const Lane products[6] = {x[0] * x[0], x[0] * x[1], x[0] * x[2], x[1] * x[1], x[1] * x[2], x[2] * x[2]};
-    for (int i = 0; i < 6; ++i) {
-      lines.xx[k][i] = products[i];
-      lines.all.xx[i] = lines.all.xx[i] + products[i];
-    }
-  }
-}
-
-struct Axis {
-  Lane x[3];    // of any length; 0 where the texels are alike
-  Lane along;   // sum of squares along it
-  Lane across;  // and across it
-};
-HWY_INLINE Axis principal_axis(const Spread& s) {
-  const Lane inverse = 1.0 / max(s.n, 1.0);
-  const Lane m[6] = {s.xx[0] - s.x[0] * s.x[0] * inverse, s.xx[1] - s.x[0] * s.x[1] * inverse,
-                     s.xx[2] - s.x[0] * s.x[2] * inverse, s.xx[3] - s.x[1] * s.x[1] * inverse,
-                     s.xx[4] - s.x[1] * s.x[2] * inverse, s.xx[5] - s.x[2] * s.x[2] * inverse};
-  // Columns of the matrix's eighth power point along its first eigenvector.
-  Lane p[6] = {m[0], m[1], m[2], m[3], m[4], m[5]};
-  for (int squaring = 0; squaring < 3; ++squaring) {
-    const Lane scale = 1.0 / max(p[0] + p[3] + p[5], 1e-20);
-    const Lane a = p[0] * scale, b = p[1] * scale, c = p[2] * scale, d = p[3] * scale, e = p[4] * scale,
-               f = p[5] * scale;
-    p[0] = a * a + b * b + c * c, p[1] = a * b + b * d + c * e, p[2] = a * c + b * e + c * f;
-    p[3] = b * b + d * d + e * e, p[4] = b * c + d * e + e * f, p[5] = c * c + e * e + f * f;
-  }
-  const LaneMask first = (p[0] >= p[3]) & (p[0] >= p[5]), last = p[5] > p[3];
-  const auto column = [&](Lane a, Lane b, Lane c) HWY_ATTR { return select(first, a, select(last, c, b)); };
-  Axis axis;
-  Lane* x = axis.x;
-  x[0] = column(p[0], p[1], p[2]), x[1] = column(p[1], p[3], p[4]), x[2] = column(p[2], p[4], p[5]);
-  const Lane quadratic = x[0] * (m[0] * x[0] + m[1] * x[1] + m[2] * x[2]) +
-                         x[1] * (m[1] * x[0] + m[3] * x[1] + m[4] * x[2]) +
-                         x[2] * (m[2] * x[0] + m[4] * x[1] + m[5] * x[2]);
-  axis.along = quadratic / max(x[0] * x[0] + x[1] * x[1] + x[2] * x[2], 1e-30);
-  axis.across = m[0] + m[3] + m[5] - axis.along;
-  return axis;
-}
-
 // --- the search
 
 struct Search {
@@ -132,72 +61,26 @@ HWY_NOINLINE void rank_partitions(const Lines& lines, Least<partition_count>& ra
   }
 }
 
-// Directions of the lines that the two regions' texels are projected on.
-struct Directions {
-  Lane x[2][3];
-};
-template <int regions>
-HWY_INLINE Directions principal_axes(const Lines& lines, const Regions& r) {
-  Spread second = no_spread();
-  if constexpr (regions == 2)
-    for (int k = 0; k < 16; ++k) {
-      const LaneMask in = r.second[k];
-      second.n = second.n + where(in, 1.0);
-      for (int c = 0; c < 3; ++c) second.x[c] = second.x[c] + where(in, lines.x[k][c]);
-      for (int i = 0; i < 6; ++i) second.xx[i] = second.xx[i] + where(in, lines.xx[k][i]);
+// Blocks of four colours, rows or columns being alike, do best with two of them a region: replaces the last of the
+// partitions by that.  Which one does best at first is a matter of luck in rounding.
+HWY_INLINE void add_halves(const Target& t, Least<partition_count>& partitions) {
+  constexpr double left_and_right = 0, upper_and_lower = 13;
+  LaneMask rows = equal(t.u[0][0], t.u[0][0]), columns = rows;
+  for (int k = 1; k < 16; ++k)
+    for (int c = 0; c < 3; ++c) {
+      rows = rows & equal(t.u[k][c], t.u[k / 4 * 4][c]);
+      columns = columns & equal(t.u[k][c], t.u[k % 4][c]);
     }
-  const Axis first = principal_axis(lines.all - second), other = principal_axis(second);
-  Directions d;
-  for (int c = 0; c < 3; ++c) d.x[0][c] = first.x[c], d.x[1][c] = other.x[c];
-  return d;
-}
-// Of one region: a diagonal of the texels' bounding box, 0 to 3.
-HWY_INLINE Directions diagonal(const Lines& lines, int number) {
-  Directions d;
-  for (int c = 0; c < 3; ++c) {
-    Lane low = lines.x[0][c], high = low;
-    for (int k = 1; k < 16; ++k) low = min(low, lines.x[k][c]), high = max(high, lines.x[k][c]);
-    const bool falls = c > 0 && (number >> (c - 1) & 1);
-    d.x[0][c] = falls ? low - high : high - low;
-  }
-  return d;
-}
-
-// place[texel] = 0 to 1, along its region's direction from one outermost texel to the other; the region's anchor is in
-// the first half, or in the second where the region's bit of `turned` is set.
-template <int regions>
-HWY_INLINE void project(const Lines& lines, const Regions& r, const Directions& directions, int turned,
-                        Lane place[16]) {
-  Lane low[2] = {most, most}, high[2] = {-most, -most};
-  for (int k = 0; k < 16; ++k) {
-    place[k] = 0.0;
-    for (int c = 0; c < 3; ++c)
-      place[k] = place[k] + by_region<regions>(r, k, directions.x[0][c], directions.x[1][c]) * lines.x[k][c];
-    low[0] = min(low[0], by_region<regions>(r, k, place[k], most));
-    high[0] = max(high[0], by_region<regions>(r, k, place[k], -most));
-    if constexpr (regions == 2) {
-      low[1] = min(low[1], select(r.second[k], place[k], most));
-      high[1] = max(high[1], select(r.second[k], place[k], -most));
-    }
-  }
-  Lane start[2], scale[2];
-  for (int g = 0; g < regions; ++g) {
-    const Lane anchor = g == 0 ? place[0] : select(r.anchor2, place[2], select(r.anchor8, place[8], place[15]));
-    const Lane past_middle = anchor + anchor - (low[g] + high[g]);
-    const LaneMask turn = turned >> g & 1 ? past_middle < 0.0 : past_middle > 0.0;
-    const Lane inverse = 1.0 / max(high[g] - low[g], 1e-20);
-    start[g] = select(turn, high[g], low[g]);
-    scale[g] = select(turn, -inverse, inverse);
-  }
-  for (int k = 0; k < 16; ++k)
-    place[k] = clamp((place[k] - by_region<regions>(r, k, start[0], start[regions - 1])) *
-                         by_region<regions>(r, k, scale[0], scale[regions - 1]),
-                     0.0, 1.0);
+  const Lane halves = select(rows, Lane(upper_and_lower), left_and_right);
+  Lane& last = partitions.id[partitions.n - 1];
+  const Lane kept = select(equal(partitions.id[0], halves), last, halves);
+  last = select(rows | columns, kept, last);
 }
 
 // How a partition is tried.
 struct Depth {
-  int spans, modes, refinements;
+  int spans, refinements;
+  int combined = 0, combined_modes = 0;
   int exchanges = 0;
   bool other_lines = false;
 };
@@ -230,6 +113,20 @@ constexpr std::array<std::array<double, 2>, 18> exchange_spans = {{{0, 7},
 template <>
 constexpr std::array<std::array<double, 2>, most_spans> spans<1> = {
     {{0, 15}, {1, 14}, {0, 14}, {1, 15}, {0, 13}, {2, 15}, {0, 12}, {3, 15}, {2, 13}, {0, 10}, {4, 11}, {6, 9}}};
+
+// All parts, the longest first; of two regions' lines also some the other way round.
+template <int regions>
+constexpr auto all_spans = [] {
+  constexpr int last = regions == 1 ? 15 : 7;
+  std::array<std::array<double, 2>, most_combined[regions - 1]> all{
+      {{6, 1}, {6, 0}, {5, 2}, {5, 1}, {5, 0}, {4, 2}, {4, 1}, {4, 0}, {3, 1}, {3, 0}, {2, 0}, {3, 2}}};
+  std::rotate(all.begin(), all.begin() + 12, all.end());
+  std::size_t n = 0;
+  for (int length = last; length > 0; --length)
+    for (int from = 0; from + length <= last; ++from)
+      all[n++] = {static_cast<double>(from), static_cast<double>(from + length)};
+  return all;
+}();
 
 // Index of a texel at a place on its line, put on a part of it.
 template <int regions>
@@ -268,45 +165,109 @@ class Trial {
     project<regions>(s_.levels, r_, principal_axes<regions>(s_.levels, r_), 0, whole);
     for (int span = 0; span < depth.spans; ++span) {
       for (int k = 0; k < 16; ++k) index[k] = index_at<regions>(whole[k], span);
-      try_indices(index, depth.modes, best);
+      try_indices(index, best);
     }
+    if (depth.combined > 0) combine(whole, best);
     for (int line = 0; depth.other_lines && line < other_lines(regions); ++line) {
       project_other<regions>(s_, r_, line, index);
       for (int k = 0; k < 16; ++k) index[k] = index_at<regions>(index[k], 0);
-      try_indices(index, depth.modes, best);
+      try_indices(index, best);
     }
     if constexpr (regions == 2) {
-      if (depth.spans > 1) try_indices(parts_index_, depth.modes, best);
+      if (depth.spans > 1) try_indices(parts_index_, best);
       for (int round = 0; round < depth.exchanges; ++round) exchange(whole, best);
     }
     return least_;
   }
 
  private:
-  // In the modes whose rounding suits these indices.
-  HWY_ATTR HWY_NOINLINE void try_indices(const Lane index[16], int modes, Candidate& best) {
-    constexpr int first = regions == 1 ? two_region_modes : 0, end = regions == 1 ? mode_count : two_region_modes;
+  static constexpr int first_mode = regions == 1 ? two_region_modes : 0;
+  static constexpr int end_mode = regions == 1 ? mode_count : two_region_modes;
+
+  // In the mode whose rounding suits these indices.
+  HWY_ATTR HWY_NOINLINE void try_indices(const Lane index[16], Candidate& best) {
     Fit ends[regions][3];
     least_squares<regions, false>(s_.target, r_, nullptr, nullptr, index, ends);
-    Least<mode_count> ranking(std::min(modes, end - first));
+    Least<1> least(1);
+    for (int mode = first_mode; mode < end_mode; ++mode) {
+      Lane cost[regions];
+      rounding_costs<regions>(ends, format_of(mode), cost);
+      least.offer(regions == 1 ? cost[0] : cost[0] + cost[regions - 1], mode);
+    }
+    try_mode(ends, least.id[0], best);
+  }
+
+  // In one mode.
+  HWY_ATTR HWY_NOINLINE void try_mode(const Fit ends[regions][3], Lane mode, Candidate& best) {
+    const Format f = format_of(mode);
     Candidate a;
-    for (int mode = first; mode < end; ++mode)
-      ranking.offer(round_ends<regions, 1>(ends, format_of(mode), a.ends), mode);
-    for (int i = 0; i < ranking.n; ++i) {
-      const Format f = format_of(ranking.id[i]);
-      a.mode = f.mode;
-      a.partition = partition_;
-      round_ends<regions, 2>(ends, f, a.ends);
-      for (int round = 0;; ++round) {
-        const Lane second = evaluate<regions>(s_.target, r_, f, a);
-        least_ = min(least_, a.error);
-        keep_better<regions>(a, best);
-        if constexpr (regions == 2) keep_parts(a, second);
-        if (round == depth_.refinements) break;
-        Fit fit[regions][3];
-        least_squares<regions, true>(s_.target, r_, &f, &a, a.index, fit);
-        round_ends<regions, 2>(fit, f, a.ends);
+    a.mode = mode;
+    a.partition = partition_;
+    round_ends<regions>(ends, f, a.ends);
+    for (int round = 0;; ++round) {
+      const Lane second = evaluate<regions>(s_.target, r_, f, a);
+      least_ = min(least_, a.error);
+      keep_better<regions>(a, best);
+      if constexpr (regions == 2) keep_parts(a, second);
+      if (round == depth_.refinements) break;
+      Fit fit[regions][3];
+      least_squares<regions, true>(s_.target, r_, &f, &a, a.index, fit);
+      round_ends<regions>(fit, f, a.ends);
+    }
+  }
+
+  // The part of a region's line that suits it best in a mode.
+  struct Part {
+    Lane cost, from, to;
+  };
+
+  // By what least squares leave of the error and rounding adds to it.
+  HWY_ATTR HWY_NOINLINE void find_parts(const Lane place[16], int count, Part parts[mode_count][regions]) {
+    for (int mode = first_mode; mode < end_mode; ++mode)
+      for (int g = 0; g < regions; ++g) parts[mode][g] = {most, 0.0, 0.0};
+    for (int span = 0; span < count; ++span) {
+      const auto& [from, to] = all_spans<regions>[static_cast<std::size_t>(span)];
+      Lane index[16];
+      for (int k = 0; k < 16; ++k) index[k] = round(place[k] * (to - from) + from);
+      Fit ends[regions][3];
+      least_squares<regions, false>(s_.target, r_, nullptr, nullptr, index, ends);
+      for (int mode = first_mode; mode < end_mode; ++mode) {
+        Lane cost[regions];
+        rounding_costs<regions>(ends, format_of(mode), cost);
+        for (int g = 0; g < regions; ++g) {
+          Part& part = parts[mode][g];
+          const Lane now = cost[g] - (ends[g][0].explained + ends[g][1].explained + ends[g][2].explained);
+          const LaneMask better = now < part.cost;
+          part = {min(now, part.cost), select(better, from, part.from), select(better, to, part.to)};
+        }
       }
+    }
+  }
+
+  // The regions' best parts together, in the modes where they cost least.
+  HWY_ATTR HWY_NOINLINE void combine(const Lane place[16], Candidate& best) {
+    Part parts[mode_count][regions];
+    find_parts(place, depth_.combined, parts);
+    Least<mode_count> ranking(depth_.combined_modes);
+    for (int mode = first_mode; mode < end_mode; ++mode)
+      ranking.offer(regions == 1 ? parts[mode][0].cost : parts[mode][0].cost + parts[mode][regions - 1].cost, mode);
+    for (int i = 0; i < ranking.n; ++i) {
+      Lane from[regions], to[regions], index[16];
+      for (int g = 0; g < regions; ++g) {
+        from[g] = to[g] = 0.0;
+        for (int mode = first_mode; mode < end_mode; ++mode) {
+          const LaneMask chosen = equal(ranking.id[i], mode);
+          from[g] = select(chosen, parts[mode][g].from, from[g]);
+          to[g] = select(chosen, parts[mode][g].to, to[g]);
+        }
+      }
+      for (int k = 0; k < 16; ++k) {
+        const Lane start = by_region<regions>(r_, k, from[0], from[regions - 1]);
+        index[k] = round(place[k] * (by_region<regions>(r_, k, to[0], to[regions - 1]) - start) + start);
+      }
+      Fit ends[regions][3];
+      least_squares<regions, false>(s_.target, r_, nullptr, nullptr, index, ends);
+      try_mode(ends, ranking.id[i], best);
     }
   }
 
@@ -331,10 +292,10 @@ class Trial {
           const Lane here = round(whole[k] * (to - from) + from);
           index[k] = by_region<regions>(r_, k, g == 0 ? here : other[k], g == 1 ? here : other[k]);
         }
-        try_indices(index, 1, best);
+        try_indices(index, best);
       }
     }
-    try_indices(parts_index_, 1, best);
+    try_indices(parts_index_, best);
   }
 
   const Search& s_;
@@ -446,8 +407,7 @@ HWY_INLINE LaneMask holds(const Format& f, const Candidate& a) {
 // Steps of end points, as long as they help: a channel's two of a region, then an end point or a line as a whole.
 template <int regions>
 HWY_NOINLINE void polish(const Search& s, const Settings& settings, Candidate& best) {
-  Regions r;
-  if constexpr (regions == 2) r = regions_of(best.partition);
+  const Regions r = regions == 2 ? regions_of(best.partition) : Regions();
   const Format f = format_of(best.mode);
   const auto attempt = [&](Candidate a) HWY_ATTR {
     const LaneMask valid = holds<regions>(f, a) & (best.error < most);
@@ -485,27 +445,34 @@ HWY_NOINLINE void polish(const Search& s, const Settings& settings, Candidate& b
   }
 }
 
-HWY_INLINE void store(const Candidate& a, int n, Block* blocks, float* errors) {
+HWY_INLINE void store(const Target& t, const Candidate& a, const Lane difference[3], int n, Found* found) {
   const LaneTag tag;
   alignas(64) float values[hn::MaxLanes(tag)];
-  hn::Store(a.error.v, tag, values);
-  std::copy_n(values, n, errors);
   const auto each = [&](Lane lane, auto set) HWY_ATTR {
     hn::Store(lane.v, tag, values);
-    for (int i = 0; i < n; ++i) set(blocks[i], static_cast<int>(values[i]));
+    for (int i = 0; i < n; ++i) set(found[i], values[i]);
   };
-  each(a.mode, [](Block& b, int value) { b.mode = value; });
-  each(a.partition, [](Block& b, int value) { b.partition = value; });
-  for (std::size_t e = 0; e < 4; ++e)
-    for (std::size_t c = 0; c < 3; ++c) each(a.ends[e][c], [=](Block& b, int value) { b.ends[e][c] = value; });
+  each(a.error, [](Found& b, float value) { b.error = value; });
+  each(a.mode, [](Found& b, float value) { b.block.mode = static_cast<int>(value); });
+  each(a.partition, [](Found& b, float value) { b.block.partition = static_cast<int>(value); });
+  for (std::size_t c = 0; c < 3; ++c) {
+    each(t.sum[c], [=](Found& b, float value) { b.sum[c] = value; });
+    each(difference[c], [=](Found& b, float value) { b.difference[c] = value; });
+    for (std::size_t e = 0; e < 4; ++e)
+      each(a.ends[e][c], [=](Found& b, float value) { b.block.ends[e][c] = static_cast<int>(value); });
+  }
   for (std::size_t k = 0; k < 16; ++k)
-    each(a.index[k], [=](Block& b, int value) { b.index[k] = static_cast<std::uint8_t>(value); });
+    each(a.index[k], [=](Found& b, float value) { b.block.index[k] = static_cast<std::uint8_t>(value); });
 }
 
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors) {
+void search(const Texels& texels, int n, const Settings& settings, Found* found) {
   const int lanes = static_cast<int>(hn::Lanes(LaneTag()));
-  const Depth depth{settings.spans, settings.modes, settings.refinements, settings.exchanges, settings.other_lines};
-  const Depth first_look{settings.first_spans, 1, 0};
+  const auto depth = [&](int regions) -> Depth {
+    const int i = regions - 1;
+    return {settings.spans[i],       settings.refinements, settings.combined[i],
+            settings.combined_modes, settings.exchanges,   settings.other_lines};
+  };
+  const Depth first_look{settings.first_spans, 0};
   for (int first = 0; first < n; first += lanes) {
     Search s;
     load(texels, first, s.target);
@@ -515,21 +482,27 @@ void search(const Texels& texels, int n, const Settings& settings, Block* blocks
     clear(one);
     clear(two);
     try_box(s, one);
-    Trial<1>(s, 0.0).run(depth, one);
+    Trial<1>(s, 0.0).run(depth(1), one);
     polish<1>(s, settings, one);
     Least<partition_count> likely(settings.partitions), survivors(settings.survivors);
     rank_partitions(s.levels, likely);
     for (int i = 0; i < likely.n; ++i) survivors.offer(Trial<2>(s, likely.id[i]).run(first_look, two), likely.id[i]);
+    add_halves(s.target, survivors);
     for (int i = 0; i < survivors.n; ++i) {
       Candidate a;
       clear(a);
-      Trial<2>(s, survivors.id[i]).run(depth, a);
+      Trial<2>(s, survivors.id[i]).run(depth(2), a);
       if (settings.polish_all) polish<2>(s, settings, a);
       keep_better<2>(a, two);
     }
     if (!settings.polish_all) polish<2>(s, settings, two);
+    Lane difference[3], of_two[3];
+    find_differences<1>(s.target, Regions(), format_of(one.mode), one, difference);
+    find_differences<2>(s.target, regions_of(two.partition), format_of(two.mode), two, of_two);
+    const LaneMask better = two.error < one.error;
+    for (int c = 0; c < 3; ++c) difference[c] = select(better, of_two[c], difference[c]);
     keep_better<2>(two, one);
-    store(one, std::min(lanes, n - first), blocks + first, errors + first);
+    store(s.target, one, difference, std::min(lanes, n - first), found + first);
   }
 }
 
@@ -541,8 +514,8 @@ namespace envconv::bc6h {
 
 HWY_EXPORT(search);
 
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors) {
-  HWY_DYNAMIC_DISPATCH(search)(texels, n, settings, blocks, errors);
+void search(const Texels& texels, int n, const Settings& settings, Found* found) {
+  HWY_DYNAMIC_DISPATCH(search)(texels, n, settings, found);
 }
 
 }  // namespace envconv::bc6h

@@ -18,15 +18,17 @@ struct Texels {
 };
 
 inline constexpr int most_spans = 12;
+inline constexpr int most_combined[2] = {120, 40};
 
 /// How far to search.
 struct Settings {
   int partitions = 1;        ///< of the 32, tried in earnest: those with the least variance across their regions' axes
   int first_spans = 1;       ///< parts of the regions' lines that texels are put on in these, at most most_spans
   int survivors = 1;         ///< of these partitions, searched further
-  int spans = 1;             ///< as first_spans, for the survivors and for one region
-  int modes = 1;             ///< tried for each of those starts
-  int refinements = 1;       ///< rounds of least squares for each of those; may be 0
+  int spans[2] = {1, 1};     ///< as first_spans, for one region and for the survivors
+  int combined[2] = {1, 1};  ///< parts of the lines compared by estimates, as spans; at most most_combined
+  int combined_modes = 1;    ///< in which the best parts by estimates are tried
+  int refinements = 0;       ///< rounds of least squares for each of what is tried
   int exchanges = 0;         ///< rounds in which one region starts anew while the other one stays
   bool other_lines = false;  ///< starts from further lines through the texels
   int polish = 0;            ///< rounds of steps of the best block's end points
@@ -34,8 +36,15 @@ struct Settings {
   bool polish_all = false;   ///< polish every survivor, not the best alone
 };
 
-/// blocks[n] = encodings of n blocks, n <= most_blocks, errors[n] their errors in the search's metric.  All of `texels`
-/// has been set.
-void search(const Texels& texels, int n, const Settings& settings, Block* blocks, float* errors);
+/// An encoding that was found.
+struct Found {
+  Block block;
+  float error;          ///< in the search's metric, with what the differences of sums add
+  float sum[3];         ///< of radiance over the texels given, by channel
+  float difference[3];  ///< sum over the texels decoded, less that
+};
+
+/// found[n] = encodings of n blocks, n <= most_blocks.  All of `texels` has been set.
+void search(const Texels& texels, int n, const Settings& settings, Found* found);
 
 }  // namespace envconv::bc6h

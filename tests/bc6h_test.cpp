@@ -388,7 +388,8 @@ std::vector<int> square(const Image& image, int left, int top) {
 }
 
 // Where a search with the same effort everywhere loses most, 0.7 to 3.5 dB: a block or two that hold most of a crop's
-// error, edges that no partition follows, clusters that end points of few bits hit by luck.
+// error, edges that no partition follows, clusters that end points of few bits hit by luck; and 0.5 to 0.9 dB near the
+// poles, where rows of four texels are alike and their blocks but luck of rounding.
 struct Panorama {
   const char* name;
   std::vector<std::pair<int, int>> crops;
@@ -398,15 +399,15 @@ TEST_P(Bc6hQuality, IsNearTheBestThereIs) {
   const Image image = panorama(GetParam().name);
   const Bytes fast = encode(image, Bc6hEffort::fast, 2), normal = encode(image, Bc6hEffort::normal, 2);
   const std::vector<int> some = every(image, 4000);
-  EXPECT_LT(loss(image, normal, some), 0.25);
-  EXPECT_LT(loss(image, fast, some), 0.5);
+  EXPECT_LT(loss(image, normal, some), 0);
+  EXPECT_LT(loss(image, fast, some), 0.3);
   for (const auto& [left, top] : GetParam().crops)
     EXPECT_LT(loss(image, normal, square(image, left, top)), 0.5) << left << ',' << top;
 }
 INSTANTIATE_TEST_SUITE_P(
     , Bc6hQuality,
-    testing::Values(Panorama{"venice.hdr", {{328, 264}}}, Panorama{"city.exr", {{768, 284}, {268, 332}}},
-                    Panorama{"courtyard.exr", {{296, 252}}}, Panorama{"interior.exr", {{376, 496}, {244, 96}}}),
+    testing::Values(Panorama{"venice.hdr", {{328, 264}}}, Panorama{"city.exr", {{768, 284}, {268, 332}, {216, 4}}},
+                    Panorama{"courtyard.exr", {{296, 252}}}, Panorama{"interior.exr", {{376, 496}, {244, 96}, {616, 36}}}),
     [](const auto& info) { return std::string(info.param.name, std::strcspn(info.param.name, ".")); });
 
 TEST(Bc6hEncoder, MoreEffortIsNoWorse) {
