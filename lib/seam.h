@@ -82,8 +82,9 @@ struct SeamError {
 /// texels of the two sides, its root mean square along all seams, and steps are of as many texels along a row or a
 /// column as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is
 /// one direction, it is many.  Inside is every texel of which the layout owns a part.  Seams are the edges of faces, as
-/// far as the layout owns what is there, and the curves on which ownership changes inside them.  `grown`: the faces
-/// with gutters of so many texels, or empty.
+/// far as the layout owns what is there, and the curves on which ownership changes inside them.  A light of a texel or
+/// less on a seam is more of the seam's mean square than of that inside, as a line has fewer points than a face has
+/// texels: what is largest compares such maps better.  `grown`: the faces with gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv
