@@ -346,7 +346,7 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
   const auto cores = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
   const std::size_t threads = options.threads > 0 ? std::min(cores, static_cast<std::size_t>(options.threads)) : cores;
   // Of each thread, besides its blocks: rows of samples, and a view of the common size.
-  const std::size_t work = std::size_t{filter.kernel == Kernel::band_limited ? 2 : 1} << 19;
+  const std::size_t work = std::size_t{filter.kernel == Kernel::band_limited ? 2u : 1u} << 19;
   // Highlights, of which there may be many; and which texels are owned, where not all are.
   const std::size_t rest = (filter.limited ? source.texel_count() : 0) +
                            (source.layout->info().domain == Domain::square ? 0 : source.texel_count());
