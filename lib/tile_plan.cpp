@@ -161,16 +161,17 @@ std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, c
   return {stepped(f.side_u), stepped(f.side_v)};
 }
 
-RimSide rim_side(const EnvImage& out, int face, int x, int y) {
+RimSide rim_side(const EnvImage& out, const Tile& texels) {
   if (out.layout->info().domain != Domain::disc) return RimSide::inside;
-  const Image& pixels = out.faces[static_cast<std::size_t>(face)];
-  // Of a texel's side, from the disc's middle.
-  const auto bounds = [&](int i, int n) {
-    const double a = u_from_texel(i - 0.5, n, out.placement) - 0.5, b = u_from_texel(i + 0.5, n, out.placement) - 0.5;
+  const Image& pixels = out.faces[static_cast<std::size_t>(texels.face)];
+  // Of their sides, from the disc's middle.
+  const auto bounds = [&](int first, int count, int n) {
+    const double a = u_from_texel(first - 0.5, n, out.placement) - 0.5;
+    const double b = u_from_texel(first + count - 0.5, n, out.placement) - 0.5;
     return std::pair{std::max({a, -b, 0.0}), std::max(-a, b)};
   };
-  const auto [near_u, far_u] = bounds(x, pixels.width());
-  const auto [near_v, far_v] = bounds(y, pixels.height());
+  const auto [near_u, far_u] = bounds(texels.x0, texels.width, pixels.width());
+  const auto [near_v, far_v] = bounds(texels.y0, texels.height, pixels.height());
   if (far_u * far_u + far_v * far_v <= 0.25) return RimSide::inside;
   return near_u * near_u + near_v * near_v > 0.25 ? RimSide::outside : RimSide::cut;
 }

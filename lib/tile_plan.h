@@ -65,8 +65,8 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
 std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
                                   const Filter& filter, int face, int x, int y);
 
-/// Where a texel lies in a layout whose domain is a disc; texels of others are inside.
+/// Where texels lie in a layout whose domain is a disc; those of others are inside.
 enum class RimSide { inside, cut, outside };
-RimSide rim_side(const EnvImage& out, int face, int x, int y);
+RimSide rim_side(const EnvImage& out, const Tile& texels);
 
 }  // namespace envconv

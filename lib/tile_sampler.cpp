@@ -148,6 +148,14 @@ void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, in
 
 [[maybe_unused]] bool is_no_weight(float weight) { return !(weight >= 0); }
 
+// Points beyond a disc's rim to just inside of it.
+void take_to_rim(int n, float* __restrict u, float* __restrict v) {
+  for (int i = 0; i < n; ++i) {
+    const float a = u[i] - 0.5f, b = v[i] - 0.5f, scale = 0.5f * (1 - 1e-6f) / std::sqrt(a * a + b * b);
+    u[i] = 0.5f + scale * a, v[i] = 0.5f + scale * b;
+  }
+}
+
 // As it is computed for rows of samples: a texel's total is the sum of just these.
 float sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, float gx, float gy) {
   const auto i = static_cast<std::size_t>(k), j = static_cast<std::size_t>(m);
@@ -204,16 +212,20 @@ void TileSampler::read(Kernel kernel, Workspace& w, int count, float* out) const
   sum_windows(kernel, source_.channels(), count, w.windows, w.weight, out);
 }
 
-// One sample in each texel, which needs no weights: several rows at once.
-void TileSampler::point_pass(Workspace& w, const Tile& tile) {
+// One sample in each texel, which needs no weights: several rows at once.  Beyond a disc's rim, where that is nearest.
+void TileSampler::point_pass(Workspace& w, const Tile& tile, TexelMask& met) {
   constexpr int batch = 256;
   static_assert(batch >= largest_tile);
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const int n = tile.width, rows = batch / n;
   const double first = u_from_texel(tile.x0, face.width(), out_.placement);
   const double step = texel_extent(face.width(), out_.placement);
-  for (int row = 0; row < rows; ++row)
-    for (int i = 0; i < n; ++i) w.u[row * n + i] = static_cast<float>(first + i * step);
+  const bool outside = rim_side(out_, tile) == RimSide::outside;
+  const auto fill_u = [&] {
+    for (int row = 0; row < rows; ++row)
+      for (int i = 0; i < n; ++i) w.u[row * n + i] = static_cast<float>(first + i * step);
+  };
+  fill_u();
   const int stored = image_.channels.count();
   std::fill_n(w.weight, batch, 1.0f);
   for (int j = 0; j < tile.height; j += rows) {
@@ -221,9 +233,16 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile) {
     const auto padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
     for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
       std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(y, face.height(), out_.placement)));
+    if (outside) {
+      fill_u();
+      take_to_rim(count, w.u, w.v);
+    }
     std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
     out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
     find_windows(filter_.kernel, w, count);
+    if (source_.highlights().any())
+      for_each_near_highlight(source_, w, count,
+                              [&](int s) { met.add(s % n, j + s / n, s % n + 1, j + s / n + 1, tile); });
     read(filter_.kernel, w, count, w.samples);
     for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
       store_texels(n, w.samples + 4 * s, {}, lowest_, channels_, stored, face.at(tile.x0, y) + first_channel_);
@@ -329,7 +348,7 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
   for (int i = 0; i < n; ++i) {
     outside[i] = false;
     total[i] = 1.0f;
-    cut[i] = rim_side(out_, tile.face, x0 + i, tile.y0 + j) != RimSide::inside;
+    cut[i] = rim_side(out_, {tile.face, x0 + i, tile.y0 + j, 1, 1}) != RimSide::inside;
     any_cut = any_cut || cut[i];
     if (cut[i] || static_cast<double>(std::abs(gx[i]) + std::abs(gy[i])) * filter_.window <= 2.0) continue;
     double sum = 0;  // some weights are cut off at 0
@@ -415,6 +434,7 @@ void TileSampler::first_pass(Workspace& w, const Tile& tile, std::unique_ptr<Til
 }
 
 void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met) {
+  if (rim_side(out_, tile) == RimSide::outside) return point_pass(w, tile, met);
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
   const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth;
   if (!grid && !tile_plan.inside && tile.width > least_part && tile.height > least_part) {
@@ -436,7 +456,7 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
   const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
                               on_grid(w, tile, tile_plan, creased.any, Kernel::band_limited, met));
   if (!on_it) {
-    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile);
+    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile, met);
     texel_pass(w, tile, tile_plan, nullptr, met);
   }
   if (!creased.any) return;
@@ -460,7 +480,7 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
   const auto samples = [&](int i, int j) {
     if (only && !only->holds(i, j)) return std::pair{0, 0};
     if (!apart) return std::pair{tile_plan.ku, tile_plan.kv};
-    if (rim_side(out_, tile.face, tile.x0 + i, tile.y0 + j) == RimSide::outside) return std::pair{1, 1};
+    if (rim_side(out_, {tile.face, tile.x0 + i, tile.y0 + j, 1, 1}) == RimSide::outside) return std::pair{1, 1};
     return texel_samples(image_, out_, source_from_out_, filter_, tile.face, tile.x0 + i, tile.y0 + j);
   };
   for (int j = 0; j < tile.height; ++j) {
@@ -482,10 +502,12 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
             met.add(i - 1, j - 1, i + 2, j + 2, tile);
           });
         read(filter_.kernel, w, count, w.samples);
-        std::fill_n(w.row, 4 * n, 0.0f);
-        for (int s = 0; s < count; s += n)
-          for (int i = 0; i < 4 * n; ++i) w.row[i] += w.samples[4 * s + i];
-        for (int i = 0; i < 4 * n; ++i) sum[i / 4][i % 4] += static_cast<double>(w.row[i]);
+        for (int i = 0; i < n; ++i) {
+          float batch[4] = {};
+          for (int s = i; s < count; s += n)
+            for (int c = 0; c < 4; ++c) batch[c] += w.samples[4 * s + c];
+          for (int c = 0; c < 4; ++c) sum[i][c] += static_cast<double>(batch[c]);
+        }
       });
       for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i / 4][i % 4]);
       store_run(w, tile, j, run);

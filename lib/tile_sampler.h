@@ -64,7 +64,7 @@ class TileSampler {
   void point(Kernel kernel, Workspace& w, int count) const;
   void gather(Kernel kernel, Workspace& w, int count) const;
   void read(Kernel kernel, Workspace& w, int count, float* out) const;
-  void point_pass(Workspace& w, const Tile& tile);
+  void point_pass(Workspace& w, const Tile& tile, TexelMask& met);
   void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only, TexelMask& met);
   bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, TexelMask& met);
   bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
