@@ -61,6 +61,18 @@ struct TilePlan {
 TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                    const ResampleOptions& options, const Tile& tile);
 
+/// Density relative to neighbours at n equal steps along a row of the tile, by the polynomial through all of the plan's
+/// nodes; x, step and y in texels, from the tile's corner.
+void smooth_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* out);
+
+/// The same where the density has creases: bilinear between nodes, and on beyond them.
+void creased_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* out);
+
+/// The relative change of the density per texel, along both axes, at texels [begin, end) of row j: bilinear between the
+/// plan's nodes.  A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a
+/// pole.
+void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, int end, float* gx, float* gy);
+
 /// Samples a side of one texel, along u and along v; many are rounded up, so that neighbours mostly take as many.
 std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
                                   const Filter& filter, int face, int x, int y);

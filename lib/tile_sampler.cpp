@@ -15,57 +15,6 @@ namespace {
 
 constexpr int most_ring = most_grid_steps + 6;  // rows of samples that a texel takes
 
-// Lagrange's polynomials through -2, -1, 0, 1, 2: [node][power].
-constexpr double lagrange[5][5] = {{0, 2.0 / 24, -1.0 / 24, -2.0 / 24, 1.0 / 24},
-                                   {0, -4.0 / 6, 4.0 / 6, 1.0 / 6, -1.0 / 6},
-                                   {1, 0, -5.0 / 4, 0, 1.0 / 4},
-                                   {0, 4.0 / 6, 4.0 / 6, -1.0 / 6, -1.0 / 6},
-                                   {0, -2.0 / 24, -1.0 / 24, 2.0 / 24, 1.0 / 24}};
-static_assert(TilePlan::nodes_x == 5 && TilePlan::nodes_y == 5);
-
-// Density relative to neighbours at n equal steps along a row of the tile, by the polynomial through all of the plan's
-// nodes.  x and y in texels from the tile's corner.
-void smooth_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
-                      float* __restrict out) {
-  const double t = 4 * y / tile.height - 2;
-  double rows[5], columns[5] = {};
-  for (int k = 0; k < 5; ++k)
-    rows[k] = (((lagrange[k][4] * t + lagrange[k][3]) * t + lagrange[k][2]) * t + lagrange[k][1]) * t + lagrange[k][0];
-  for (int k = 0; k < 5; ++k)
-    for (int i = 0; i < 5; ++i) columns[i] += rows[k] * plan.density[k][i];
-  float c[5];
-  for (int m = 0; m < 5; ++m) {
-    double sum = 0;
-    for (int i = 0; i < 5; ++i) sum += lagrange[i][m] * columns[i];
-    c[m] = static_cast<float>(sum);
-  }
-  const float first = static_cast<float>(4 * x / tile.width - 2), by = static_cast<float>(4 * step / tile.width);
-  for (int i = 0; i < n; ++i) {
-    const float s = first + static_cast<float>(i) * by;
-    out[i] = (((c[4] * s + c[3]) * s + c[2]) * s + c[1]) * s + c[0];
-  }
-}
-
-// The same where the density has creases: bilinear between nodes, and on beyond them.
-void creased_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
-                       float* __restrict out) {
-  const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
-  const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
-  const int row = std::clamp(static_cast<int>(y / high), 0, TilePlan::nodes_y - 2);
-  const double t = y / high - row;
-  for (int cell = 0, i = 0; cell < TilePlan::nodes_x - 1; ++cell) {
-    const double left = plan.density[row][cell] + t * (plan.density[row + 1][cell] - plan.density[row][cell]);
-    const double right =
-        plan.density[row][cell + 1] + t * (plan.density[row + 1][cell + 1] - plan.density[row][cell + 1]);
-    const int end = cell + 2 == TilePlan::nodes_x
-                        ? n
-                        : std::clamp(static_cast<int>(std::ceil(((cell + 1) * wide - x) / step)), i, n);
-    const float scale = static_cast<float>((right - left) / wide * step);
-    const float first = static_cast<float>(left + (right - left) / wide * (x - cell * wide));
-    for (; i < end; ++i) out[i] = first + scale * static_cast<float>(i);
-  }
-}
-
 // visit(s) for every sample that reads an excess.  Neighbours mostly share a block.
 template <class Visit>
 void for_each_near_highlight(const Source& source, const Workspace& w, int n, const Visit& visit) {
@@ -115,34 +64,6 @@ void combine_densities(const GridQuadrature& q, int n, const float* in, float* o
     const float* weight = q.weight.data() + phase * static_cast<std::size_t>(q.taps);
     out[i] = 0;
     for (int k = 0; k < q.taps; ++k) out[i] += weight[k] * from[k];
-  }
-}
-
-// The relative change of the density per texel, along both axes, at texels [begin, end) of row j: bilinear between the
-// plan's nodes. A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a
-// pole.
-void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, int end, float* __restrict gx,
-                    float* __restrict gy) {
-  const double wide = static_cast<double>(tile.width) / (TilePlan::nodes_x - 1);
-  const double high = static_cast<double>(tile.height) / (TilePlan::nodes_y - 1);
-  const int k = std::min(static_cast<int>((j + 0.5) / high), TilePlan::nodes_y - 2);
-  const double t = (j + 0.5) / high - k;
-  for (int cell = 0, i = begin; cell < TilePlan::nodes_x - 1; ++cell) {
-    const double a = plan.density[k][cell], b = plan.density[k][cell + 1];
-    const double c = plan.density[k + 1][cell], d = plan.density[k + 1][cell + 1];
-    const float left = static_cast<float>(a + t * (c - a)), right = static_cast<float>(b + t * (d - b));
-    const float across = static_cast<float>((right - left) / wide);
-    const float down_left = static_cast<float>((c - a) / high), down_right = static_cast<float>((d - b) / high);
-    const int last =
-        cell + 2 == TilePlan::nodes_x ? end : std::min(end, static_cast<int>(std::ceil((cell + 1) * wide - 0.5)));
-    const float scale = static_cast<float>(1 / wide), first = static_cast<float>(0.5 - cell * wide);
-    for (; i < last; ++i) {
-      const float x = (static_cast<float>(i) + first) * scale;
-      const float here = left + x * (right - left);
-      const float inverse = here > 0 ? 1.0f / here : 0.0f;
-      gx[i] = std::clamp(across * inverse, -2.0f, 2.0f);
-      gy[i] = std::clamp((down_left + x * (down_right - down_left)) * inverse, -2.0f, 2.0f);
-    }
   }
 }
 
