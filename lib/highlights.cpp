@@ -259,31 +259,42 @@ void Source::spread_highlights() {
         if (out.size() > before) std::fill_n(e, 4, 0.0f);
       }
   };
-  // Pieces of the list in parallel, joined in order.
-  constexpr std::size_t piece = 64;
-  std::vector<std::vector<Deposit>> spread_of((blocks.size() + piece - 1) / piece);
-  tbb::parallel_for(std::size_t{0}, spread_of.size(), [&](std::size_t k) {
-    SolidAngles solid_angles(*layout_, placement_, faces_);
-    for (std::size_t i = k * piece; i < std::min(blocks.size(), (k + 1) * piece); ++i)
-      spread(blocks[i], solid_angles, spread_of[k]);
-  });
-  std::vector<Deposit> deposits;
-  for (const auto& some : spread_of) deposits.insert(deposits.end(), some.begin(), some.end());
-  // Neighbours' deposits meet in a texel: one sliver each.
-  std::ranges::stable_sort(deposits, {}, &Deposit::place);
-  for (std::size_t i = 0; i < deposits.size(); ++i) {
-    const Deposit& p = deposits[i];
-    float* e = excess_at(p.face, p.x, p.y, true);
-    for (std::size_t c = 0; c < 4; ++c) e[c] += p.excess[c];
-    if (i > 0 && p.place() == deposits[i - 1].place()) {
-      Highlights::Sliver& sliver = highlights_.slivers.back();
-      sliver.thin = std::min(sliver.thin, p.thin), sliver.wide = std::max(sliver.wide, p.wide);
-      continue;
+  // Neighbours' deposits meet in a texel: one there for all of a block's.
+  const auto merge = [](std::vector<Deposit>& of_block, std::vector<Deposit>& out) {
+    std::ranges::stable_sort(of_block, {}, &Deposit::place);
+    const std::size_t first = out.size();
+    for (const Deposit& p : of_block) {
+      if (out.size() == first || out.back().place() != p.place()) {
+        out.push_back(p);
+        continue;
+      }
+      Deposit& here = out.back();
+      for (std::size_t c = 0; c < 4; ++c) here.excess[c] += p.excess[c];
+      here.thin = std::min(here.thin, p.thin), here.wide = std::max(here.wide, p.wide);
     }
-    const SourceFace& s = faces_[static_cast<std::size_t>(p.face)];
-    highlights_.slivers.push_back({layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
-                                                      u_from_texel(p.y - apron_, s.size.height, placement_)),
-                                   p.thin, p.wide});
+    of_block.clear();
+  };
+  // Pieces of the list in parallel, taken up in order.
+  constexpr std::size_t piece = 64;
+  std::vector<std::vector<Deposit>> deposits((blocks.size() + piece - 1) / piece);
+  tbb::parallel_for(std::size_t{0}, deposits.size(), [&](std::size_t k) {
+    SolidAngles solid_angles(*layout_, placement_, faces_);
+    std::vector<Deposit> of_block;
+    for (std::size_t i = k * piece; i < std::min(blocks.size(), (k + 1) * piece); ++i) {
+      spread(blocks[i], solid_angles, of_block);
+      merge(of_block, deposits[k]);
+    }
+  });
+  for (std::vector<Deposit>& some : deposits) {
+    for (const Deposit& p : some) {
+      float* e = excess_at(p.face, p.x, p.y, true);
+      for (std::size_t c = 0; c < 4; ++c) e[c] += p.excess[c];
+      const SourceFace& s = faces_[static_cast<std::size_t>(p.face)];
+      highlights_.slivers.push_back({layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
+                                                        u_from_texel(p.y - apron_, s.size.height, placement_)),
+                                     p.thin, p.wide});
+    }
+    some = {};
   }
 }
 
