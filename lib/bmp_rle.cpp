@@ -36,7 +36,6 @@ struct Indices {
     pixels[y * stride + x++] = static_cast<std::uint8_t>(index);
     return true;
   }
-  bool is_full() const { return y >= height || (y + 1 == height && x == width); }
 };
 
 // False where the stream makes no sense or ends too early.
@@ -72,7 +71,7 @@ bool unpack(std::span<const std::uint8_t> from, bool nibbles, Indices& to) {
       at += std::min((bytes + 1) / 2 * 2, from.size() - at);
     }
   }
-  return to.is_full();
+  return false;  // cut off
 }
 
 }  // namespace

@@ -962,10 +962,12 @@ TEST_F(Io, RunLengthEncodedBitmaps) {
       }
     }
     // No end of the bitmap, or pixels outside it; and an index without a colour.
-    std::vector<unsigned char> bad[] = {stream, stream, stream, stream};
+    std::vector<unsigned char> bad[] = {stream, stream, stream, stream, stream};
     bad[1].insert(bad[1].end(), {200, 0x1E, 0, 1});
     bad[2].insert(bad[2].end(), {0, 0, 1, 0x1E, 0, 1});
     bad[3].insert(bad[3].end(), {0, 2, 1, 2, 0, 1});
+    const int left = width - 9;
+    bad[4].insert(bad[4].end(), {static_cast<unsigned char>(left), 0, 0, 0});  // all pixels, and no end
     for (const std::vector<unsigned char>& damaged : bad) {
       put(path("bad.bmp"), rle_bmp(nibbles, width, damaged));
       const auto file = read_pictures(path("bad.bmp"), {});
