@@ -63,10 +63,14 @@ class Measure {
     return {face.width(), face.height()};
   }
 
+  // Places are rounded to 2^-32 of a texel: otherwise a sun's texel beside a seam tells by which last bits the two
+  // sides' places differ, and what is equal on both is not found to be.
   void read(const Location& at, double* value) const {
     const Size size = size_of(at.face);
-    read_clamped(faces_[static_cast<std::size_t>(at.face)], texel_from_u(at.u, size.width, image_.placement) + gutter_,
-                 texel_from_u(at.v, size.height, image_.placement) + gutter_, value);
+    const auto place = [&](double u, int n) {
+      return std::nearbyint((texel_from_u(u, n, image_.placement) + gutter_) * 0x1p32) * 0x1p-32;
+    };
+    read_clamped(faces_[static_cast<std::size_t>(at.face)], place(at.u, size.width), place(at.v, size.height), value);
   }
 
   double difference(const double* a, const double* b) const {
