@@ -147,17 +147,21 @@ const char* block_name(std::uint32_t dxgi) {
     case 75: return "bc2";
     case 77:
     case 78: return "bc3";
+    case 80: return "bc4";
+    case 83: return "bc5";
     case 98:
     case 99: return "bc7";
     default: return nullptr;
   }
 }
 
-// The sRGB one of the pair, since nothing else is said of the colour.
+// The sRGB one of the pair where there is one, since nothing else is said of the colour.
 std::uint32_t dxgi_of_code(std::uint32_t code) {
   if (code == fourcc("DXT1")) return 72;
   if (code == fourcc("DXT3")) return 75;
   if (code == fourcc("DXT5")) return 78;
+  if (code == fourcc("ATI1") || code == fourcc("BC4U")) return 80;
+  if (code == fourcc("ATI2") || code == fourcc("BC5U")) return 83;
   return 0;
 }
 
@@ -171,7 +175,7 @@ std::string code_text(std::uint32_t code) {
 Error not_supported(const std::string& format) {
   return {ErrorCode::input,
           "a DDS file of texels in " + format +
-              ", which is not supported (half, float, 8-bit RGBA, R11G11B10F, RGB9E5, BC1-BC3, BC6H and BC7 are)"};
+              ", which is not supported (half, float, 8-bit RGBA, R11G11B10F, RGB9E5 and BC1-BC7 are)"};
 }
 
 // Eight-bit channels by their masks.
@@ -303,7 +307,7 @@ class DdsDecoder final : public TextureDecoder {
     dxgi_ = h.extended ? h.dxgi : dxgi_of_d3d9(h.code).value_or(dxgi_of_code(h.code));
     // Blocks of 8 bytes at least: enough to see that a file is too short.
     if (block_format()) {
-      const bool small = dxgi_ == 71 || dxgi_ == 72;
+      const bool small = dxgi_ == 71 || dxgi_ == 72 || dxgi_ == 80;
       return TexelFormat{.type = PixelType::bc6h, .channels = 3, .bytes = small ? 8 : 16};
     }
     if (const TexelFormat* known = format_numbered(kFormats, dxgi_)) return *known;
@@ -320,7 +324,7 @@ class DdsDecoder final : public TextureDecoder {
   std::uint64_t data_offset_ = 0, level_offset_ = 0, face_bytes_ = 0;
 };
 
-// Level 0 of BC1, BC2, BC3 and BC7, of which the image library makes one picture: the faces below each other.
+// Level 0 of BC1 to BC5 and BC7, of which the image library makes one picture: the faces below each other.
 class BlockDecoder final : public Decoder {
  public:
   Result<Ok> open(int fd, const DecoderOptions& options, const DdsDecoder& header) {

@@ -443,6 +443,35 @@ TEST_F(Container, BlocksThroughTheImageLibrary) {
   EXPECT_NE(refused.error().message.find("only level 0"), std::string::npos) << refused.error().message;
 }
 
+// BC4 and BC5: two ends of 8 bits a channel and indices, all the first one.  Faces are told apart by them.
+TEST_F(Container, BlocksOfOneAndTwoChannels) {
+  struct Code {
+    std::uint32_t fourcc;
+    int channels;
+  };
+  for (const Code& code : {Code{0x31495441, 1}, {0x55344342, 1}, {0x32495441, 2}, {0x55354342, 2}}) {  // ATI1 BC4U ...
+    std::string bytes = dds_header(8, 1, 4, code.fourcc, 0, {});
+    for (int face = 0; face < 6; ++face)
+      for (int block = 0; block < 4; ++block)
+        for (int channel = 0; channel < code.channels; ++channel) {
+          bytes += static_cast<char>(20 * face + 100 * channel);
+          bytes.append(7, '\0');
+        }
+    put("old.dds", bytes);
+    const auto got = read_pictures(path("old.dds"), {});
+    ASSERT_TRUE(got) << got.error().message;
+    ASSERT_EQ(got->pictures.size(), 6u);
+    for (int face = 0; face < 6; ++face) {
+      const Image& image = got->pictures[static_cast<std::size_t>(face)].image;
+      ASSERT_EQ(image.channels(), code.channels);
+      for (int channel = 0; channel < code.channels; ++channel)
+        EXPECT_NEAR(image.at(7, 7)[channel], (20 * face + 100 * channel) / 255.0, 1e-6) << face;
+    }
+    put("old.dds", bytes.substr(0, bytes.size() - 1));
+    EXPECT_FALSE(read_pictures(path("old.dds"), {}));
+  }
+}
+
 // The image library's decoder of BC6H is another one.
 TEST_F(Container, Bc6hAsTheImageLibraryHasIt) {
   std::vector<Picture> faces;
