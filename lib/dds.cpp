@@ -217,6 +217,7 @@ class DdsDecoder final : public TextureDecoder {
   const char* block_format() const { return block_name(dxgi_); }
   bool block_is_srgb() const { return dxgi_ == 72 || dxgi_ == 75 || dxgi_ == 78 || dxgi_ == 99; }
   const TextureShape& shape() const { return shape_; }
+  bool extended() const { return extended_; }
 
  private:
   // Bytes after the last texel.  Some engines put data of their own there; but where they are as many as further levels
@@ -304,6 +305,7 @@ class DdsDecoder final : public TextureDecoder {
       if ((h.pixel_flags & kRgb) == 0) return not_supported("a format that is neither RGB nor compressed");
       return format_of_masks(h);
     }
+    extended_ = h.extended;
     dxgi_ = h.extended ? h.dxgi : dxgi_of_d3d9(h.code).value_or(dxgi_of_code(h.code));
     // Blocks of 8 bytes at least: enough to see that a file is too short.
     if (block_format()) {
@@ -321,6 +323,7 @@ class DdsDecoder final : public TextureDecoder {
   }
 
   std::uint32_t dxgi_ = 0;
+  bool extended_ = false;
   std::uint64_t data_offset_ = 0, level_offset_ = 0, face_bytes_ = 0;
 };
 
@@ -334,7 +337,11 @@ class BlockDecoder final : public Decoder {
     if (options.level > 0 && options.level < shape.levels) {
       return Error{ErrorCode::input, "of a DDS file of " + name + " only level 0 can be read"};
     }
-    ENVCONV_TRY(library_, open_imageio("dds", fd, options));
+    Result<std::unique_ptr<Decoder>> library = open_imageio("dds", fd, options);
+    // OpenImageIO 2.4.7 knows BC1 to BC3 by their FourCC alone.
+    if (!library && header.extended() && name < "bc4") return not_supported(name + " with a DX10 header");
+    if (!library) return library.error();
+    library_ = std::move(*library);
     const FileSpec& from = library_->spec();
     pictures_ = shape.pictures;
     if (from.pictures.empty() || from.pictures[0].width != shape.size.width ||

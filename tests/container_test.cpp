@@ -472,6 +472,16 @@ TEST_F(Container, BlocksOfOneAndTwoChannels) {
   }
 }
 
+// The image library may not know them so; the file is not damaged then.
+TEST_F(Container, Bc1BehindTheNewHeader) {
+  std::string bytes = dds_header(8, 1, 4, 0x30315844, 0, {});
+  for (const std::uint32_t word : {71u, 3u, 4u, 1u, 0u}) bytes.append(reinterpret_cast<const char*>(&word), 4);
+  bytes.append(6 * 4 * 8, '\0');
+  put("new.dds", bytes);
+  const auto got = read_pictures(path("new.dds"), {});
+  EXPECT_TRUE(got || got.error().message.find("bc1 with a DX10 header") != std::string::npos) << got.error().message;
+}
+
 // The image library's decoder of BC6H is another one.
 TEST_F(Container, Bc6hAsTheImageLibraryHasIt) {
   std::vector<Picture> faces;
