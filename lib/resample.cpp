@@ -13,19 +13,19 @@
 //   that the source holds.  A sample counts by the density |dd/du x dd/dv| there; the sums of weights times density
 //   divide. They are read with Kernel::band_limited from prefiltered blocks; where a texel spans many of the source's,
 //   with Kernel::drooping from the source itself, which costs no prefilter, and the weights divide by what it loses.
-//   Where the map has a crease (an octahedron's edges, isocube's diagonals) weights that reach across it see waves that
-//   are none: tiles are quartered until only small ones are left there.
-// - Texel, elsewhere.  Gauss-Legendre nodes in each texel, twice as many a side at creases, at a disc's rim as many as
-//   the texel needs; never a negative weight.  A sample's weight is its quadrature weight times the density relative
-//   to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie symmetrically, so these weights still
-//   add up to 1.
+//   Where the map has a crease (an octahedron's edges, the diagonals of isocube's polar faces) weights that reach
+//   across it see waves that are none: texels near it are sampled once more, each for itself (find_creases).
+// - Texel, elsewhere.  Gauss-Legendre nodes in each texel, twice as many a side at creases, at a disc's rim, to which
+//   tiles are quartered, as many as the texel needs; never a negative weight.  A sample's weight is its quadrature
+//   weight times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
+//   symmetrically, so these weights still add up to 1.
 // - Point, for plain filters where one sample is enough.
 // All leave a constant constant.
 //
 // Highlights are read bilinearly and added.  That takes two passes over the texels that meet one, always sampled by
-// texel.  In the first every one of them reports the share of solid angle by which it received
-// each highlight (integers, so that the order does not matter); the highlights are then scaled to conserve their energy
-// (Source::conserve_highlights), and the second pass adds them where they were met.
+// texel, as densely as the narrowest highlight asks for.  In the first every one of them reports the share of solid
+// angle by which it received each highlight (integers, so that the order does not matter); the highlights are then
+// scaled to conserve their energy (Source::conserve_highlights), and the second pass adds them where they were met.
 #include "resample.h"
 
 #include <tbb/enumerable_thread_specific.h>
