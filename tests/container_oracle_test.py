@@ -92,7 +92,7 @@ class Samples(Case):
     def setUpClass(cls):
         cls.samples = pathlib.Path(tempfile.mkdtemp(prefix="envconv-containers-"))
         cls.addClassCleanup(shutil.rmtree, cls.samples)
-        subprocess.run([os.environ["CONTAINER_SAMPLES"], cls.samples], check=True, timeout=120)
+        subprocess.run([os.environ["CONTAINER_SAMPLES"], cls.samples], check=True, timeout=600)
         cls.layouts = sorted(p.stem for p in cls.samples.glob("*.expected"))
 
     def expected(self, layout):
