@@ -397,11 +397,11 @@ void interpolate_sinc_of(int n, const SincWindow* HWY_RESTRICT windows, float* H
     for (int c = 0; c < chunks; ++c) {
       const int first = c * per_chunk, last = std::min(sinc_taps, first + per_chunk) - 1;
       const float* HWY_RESTRICT from = windows[i].first + first * channels;
-      V sum = hn::Mul(hn::Set(d, wy[0]), hn::LoadU(d, from));
-      for (int j = 1; j < sinc_taps; ++j) sum = hn::MulAdd(hn::Set(d, wy[j]), hn::LoadU(d, from + j * pitch), sum);
-      // What lies past the window may be no number, and no weight makes up for that.
-      if (last + 1 < first + per_chunk)
-        sum = hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>((last + 1 - first) * channels)), sum);
+      // Past the window may be no number, or what another thread is writing.
+      const auto within = hn::FirstN(d, static_cast<std::size_t>((last + 1 - first) * channels));
+      V sum = hn::Mul(hn::Set(d, wy[0]), hn::MaskedLoad(within, d, from));
+      for (int j = 1; j < sinc_taps; ++j)
+        sum = hn::MulAdd(hn::Set(d, wy[j]), hn::MaskedLoad(within, d, from + j * pitch), sum);
       if constexpr (lanes <= 4) {
         total = hn::MulAdd(sum, hn::Set(d, wx[first]), total);
       } else {
