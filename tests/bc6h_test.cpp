@@ -404,11 +404,14 @@ TEST_P(Bc6hQuality, IsNearTheBestThereIs) {
   for (const auto& [left, top] : GetParam().crops)
     EXPECT_LT(loss(image, normal, square(image, left, top)), 0.5) << left << ',' << top;
 }
-INSTANTIATE_TEST_SUITE_P(
-    , Bc6hQuality,
-    testing::Values(Panorama{"venice.hdr", {{328, 264}}}, Panorama{"city.exr", {{768, 284}, {268, 332}, {216, 4}}},
-                    Panorama{"courtyard.exr", {{296, 252}}}, Panorama{"interior.exr", {{376, 496}, {244, 96}, {616, 36}}}),
-    [](const auto& info) { return std::string(info.param.name, std::strcspn(info.param.name, ".")); });
+INSTANTIATE_TEST_SUITE_P(, Bc6hQuality,
+                         testing::Values(Panorama{"venice.hdr", {{328, 264}}},
+                                         Panorama{"city.exr", {{768, 284}, {268, 332}, {216, 4}}},
+                                         Panorama{"courtyard.exr", {{296, 252}}},
+                                         Panorama{"interior.exr", {{376, 496}, {244, 96}, {616, 36}}}),
+                         [](const auto& info) {
+                           return std::string(info.param.name, std::strcspn(info.param.name, "."));
+                         });
 
 TEST(Bc6hEncoder, MoreEffortIsNoWorse) {
   const std::vector<HalfTexels> texels = sample(panorama("courtyard.exr"), 37);
