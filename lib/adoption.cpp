@@ -413,7 +413,7 @@ void Source::write_texels(int n, const Orphan* orphans, const Texel* values) {
   write_row(orphans[0].face, orphans[0].x, orphans[0].y, n, row);
 }
 
-// To the own copy where it is inside the face, and to every strip that holds some of it.
+// To the pixels where it is inside the face, and to every strip that holds some of it.
 void Source::write_row(int face, int x, int y, int count, const float* texels) {
   const auto f = static_cast<std::size_t>(face);
   faces_[f].image->texels_touched();
@@ -423,7 +423,7 @@ void Source::write_row(int face, int x, int y, int count, const float* texels) {
     if (begin < end)
       std::copy_n(texels + (begin - x) * channels_, (end - begin) * channels_, image.at(begin - left, y - top));
   };
-  if (layout_->info().domain != Domain::square) put(copies_[f], apron_, apron_);
+  if (!writable_.empty()) put(*writable_[f], apron_, apron_);
   for (Strip& strip : strips_[f]) put(strip.pixels, strip.x, strip.y);
 }
 

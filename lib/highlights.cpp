@@ -84,18 +84,29 @@ std::uint64_t* Source::received_at(int face, int x, int y) {
 
 void Source::split_highlights(const EnvImage& image) {
   const auto brightness = [](const float* t) { return std::max({std::abs(t[0]), std::abs(t[1]), std::abs(t[2])}); };
+  const bool whole = layout_->info().domain == Domain::square;
+  // Of a face's own texels; what stands in others says nothing (a photograph of a mirror ball has a room around it).
+  const auto owned = [&](int f, int x, int y) {
+    if (whole) return true;
+    const Size size = faces_[static_cast<std::size_t>(f)].size;
+    return layout_->owns(f, u_from_texel(x - apron_, size.width, placement_),
+                         u_from_texel(y - apron_, size.height, placement_));
+  };
   Histogram histogram;
   std::size_t total = 0;
   for (const SourceFace& s : faces_)
     total += static_cast<std::size_t>(s.size.width) * static_cast<std::size_t>(s.size.height);
-  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(total) / 250000.0)));
-  for (const SourceFace& s : faces_)
-    for (int y = 0; y < s.size.height; y += step) {
+  const double sampled = whole ? 250000 : 60000;  // who owns a texel takes longer to say
+  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(total) / sampled)));
+  for (int f = 0; f < layout_->face_count(); ++f) {
+    const SourceFace& s = faces_[static_cast<std::size_t>(f)];
+    for (int y = apron_; y < apron_ + s.size.height; y += step) {
       // A texel here and there maps pages all around.
       s.image->relieve();
-      for (int x = (y / step) % step; x < s.size.width; x += step)
-        histogram.add(brightness(pixel(s, x + apron_, y + apron_)));
+      for (int x = apron_ + (y - apron_) / step % step; x < apron_ + s.size.width; x += step)
+        if (owned(f, x, y)) histogram.add(brightness(pixel(s, x, y)));
     }
+  }
   double limit = threshold_over_mean * histogram.mean_below(1e30);
   for (int i = 0; i < 40; ++i) limit = threshold_over_mean * histogram.mean_below(limit);
   while (limit > 0 && histogram.share_above(limit) > most_texels) limit *= 1.5;
@@ -117,11 +128,7 @@ void Source::split_highlights(const EnvImage& image) {
     for (int y = apron_ + r.y; y < apron_ + r.y + r.height; ++y)
       for (int x = apron_ + r.x; x < apron_ + r.x + r.width; ++x) {
         const float* t = pixel(s, x, y);
-        if (brightness(t) <= threshold_) continue;
-        if (layout_->info().domain != Domain::square &&
-            !layout_->owns(r.face, u_from_texel(x - apron_, s.size.width, placement_),
-                           u_from_texel(y - apron_, s.size.height, placement_)))
-          continue;
+        if (brightness(t) <= threshold_ || !owned(r.face, x, y)) continue;
         // What lies below the highlight: the mean of the texels around it that are none, so that the kernel has no step
         // to ring at; deep inside a bright area, the threshold.
         Found hit{r.face, x, y, {}};
@@ -129,7 +136,7 @@ void Source::split_highlights(const EnvImage& image) {
         for (int yy = std::max(y - 2, apron_); yy <= std::min(y + 2, apron_ + s.size.height - 1); ++yy)
           for (int xx = std::max(x - 2, apron_); xx <= std::min(x + 2, apron_ + s.size.width - 1); ++xx) {
             const float* q = pixel(s, xx, yy);
-            if (brightness(q) > threshold_) continue;
+            if (brightness(q) > threshold_ || !owned(r.face, xx, yy)) continue;
             for (int c = 0; c < 3; ++c) sum[c] += static_cast<double>(q[c]);
             n += 1;
           }

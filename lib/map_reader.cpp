@@ -52,7 +52,8 @@ ReadBuffers& located(const Layout& layout, const float layout_from_world[9], con
 
 MapReader::MapReader(const EnvImage& image) : layout_(image.layout), channels_(image.channels.count()) {
   to_floats(layout_from_world(image), layout_from_world_);
-  for (int first = 0; first < channels_; first += 4) groups_.emplace_back(image, first, *find_filter("bilinear"));
+  for (int first = 0; first < channels_; first += 4)
+    groups_.emplace_back(image, nullptr, first, *find_filter("bilinear"));
 }
 
 void MapReader::read(const PointBatch& points, float* out) const {

@@ -70,8 +70,9 @@ std::uint64_t morton_code(int x, int y) {
 
 class Resampler {
  public:
-  Resampler(const EnvImage& source, const ResampleOptions& options, const Filter& filter)
-      : source_(source), options_(options), filter_(filter), tables_(filter, options.samples) {
+  // used_up: the source, when it may be written to, or nullptr.
+  Resampler(const EnvImage& source, EnvImage* used_up, const ResampleOptions& options, const Filter& filter)
+      : source_(source), used_up_(used_up), options_(options), filter_(filter), tables_(filter, options.samples) {
     const Mat3 out_from_world = layout_from_world(*options.layout, options.consumer_from_world);
     source_from_out_ =
         layout_from_world(source) * (transpose(rotation_matrix(options.rotation)) * transpose(out_from_world));
@@ -95,7 +96,10 @@ class Resampler {
     out.consumer_from_world = options_.consumer_from_world;
     out.channels = source_.channels;
     if (is_copy()) {
-      for (const Image& face : source_.faces) out.faces.push_back(face.clone());
+      if (used_up_)
+        out.faces = std::move(used_up_->faces);
+      else
+        for (const Image& face : source_.faces) out.faces.push_back(face.clone());
       return out;
     }
     for (int f = 0; f < options_.layout->face_count(); ++f) {
@@ -112,7 +116,7 @@ class Resampler {
     const int groups = (source_.channels.count() + 3) / 4;
     SphereMean mean;
     for (int g = 0; g < groups && !stopped_; ++g) {
-      Source source(source_, 4 * g, filter_);
+      Source source(source_, used_up_, 4 * g, filter_);
       share_done_ = static_cast<double>(g) / groups;
       share_step_ = 1.0 / groups;
       run_group(source, out, 4 * g);
@@ -289,6 +293,7 @@ class Resampler {
   }
 
   const EnvImage& source_;
+  EnvImage* used_up_;
   const ResampleOptions& options_;
   const Filter& filter_;
   Mat3 source_from_out_;
@@ -302,9 +307,8 @@ class Resampler {
   double share_done_ = 0, share_step_ = 1;
 };
 
-}  // namespace
-
-Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled) {
+Result<EnvImage> resampled(const EnvImage& source, EnvImage* used_up, const ResampleOptions& options,
+                           EnvImage recycled) {
   if (!source.layout || static_cast<int>(source.faces.size()) != source.layout->face_count() ||
       source.channels.count() == 0)
     return Error{ErrorCode::unsupported, "the source has no pixels"};
@@ -312,28 +316,39 @@ Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options
   if (options.height > tallest_face) return Error{ErrorCode::limit, "the output has too many texels"};
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
   try {
-    Resampler resampler(source, options, filter);
+    Resampler resampler(source, used_up, options, filter);
     // More than there are cores gain nothing, and make TBB print.
     const int cores = tbb::info::default_concurrency();
     tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, cores) : cores);
     return arena.execute([&] { return resampler.run(std::move(recycled)); });
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::limit, "not enough memory to resample (about " +
-                                       std::to_string(resample_bytes(source, options) >> 20) + " MiB are needed)"};
+                                       std::to_string(resample_bytes(source, options, used_up) >> 20) +
+                                       " MiB are needed)"};
   } catch (const std::length_error& error) {
     return Error{ErrorCode::limit, error.what()};
   }
 }
 
-std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options) {
+}  // namespace
+
+Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled) {
+  return resampled(source, nullptr, options, std::move(recycled));
+}
+
+Result<EnvImage> resample(EnvImage&& source, const ResampleOptions& options, EnvImage recycled) {
+  return resampled(source, &source, options, std::move(recycled));
+}
+
+std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options, bool used_up) {
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
   const Filter& filter = options.filter ? *options.filter : all_filters().front();
-  if (Resampler(source, options, filter).is_copy()) return out;
+  if (Resampler(source, nullptr, options, filter).is_copy()) return used_up ? 0 : out;
   // Strips around the faces, and a copy where pixels cannot be read in place.
   const int apron = apron_width(filter.kernel) + 8;
-  const bool in_place =
-      (source.channels.count() == 3 || source.channels.count() == 4) && source.layout->info().domain == Domain::square;
+  const bool in_place = (source.channels.count() == 3 || source.channels.count() == 4) &&
+                        (used_up || source.layout->info().domain == Domain::square);
   std::size_t strips = 0, copy = 0;
   for (const Image& face : source.faces) {
     strips += static_cast<std::size_t>(face.width() + face.height()) * 4 * static_cast<std::size_t>(apron);

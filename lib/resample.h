@@ -32,7 +32,11 @@ struct ResampleOptions {
 /// Errors: unsupported (an empty source), limit (memory), internal; stopping by progress gives ErrorCode::output.
 Result<EnvImage> resample(const EnvImage& source, const ResampleOptions& options, EnvImage recycled = {});
 
-/// Bytes that resample() will hold besides its source, the result included.
-std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options);
+/// The same of a source that is needed no more: its texels that no face owns are overwritten, which saves a copy of
+/// layouts that fill their faces in part, and where nothing changes its faces are moved into the result.
+Result<EnvImage> resample(EnvImage&& source, const ResampleOptions& options, EnvImage recycled = {});
+
+/// Bytes that resample() will hold besides its source, the result included.  used_up: when the source is moved.
+std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options, bool used_up = false);
 
 }  // namespace envconv

@@ -22,7 +22,8 @@ struct Sampler::State {
   EnvImage pixels;  // that the groups read, unless they are in blocks
   // Four channels each, which stay where they are: blocks point at their sources.
   struct Group {
-    Group(const EnvImage& image, int first, const Filter& filter) : source(image, first, filter), blocks(source, 0) {
+    Group(const EnvImage& image, int first, const Filter& filter)
+        : source(image, nullptr, first, filter), blocks(source, 0) {
       if (filter.kernel == Kernel::band_limited) blocks.make_all();
     }
     Source source;

@@ -23,13 +23,13 @@ int apron_width(Kernel kernel) {
   return kernel == Kernel::band_limited ? SourceBlocks::margin + reach : std::max(reach, 4);
 }
 
-Source::Source(const EnvImage& image, int first_channel, const Filter& filter)
+Source::Source(const EnvImage& image, EnvImage* writable, int first_channel, const Filter& filter)
     : layout_(image.layout), placement_(image.placement) {
   ENVCONV_ASSERT(image.faces.size() == layout_->info().faces.size() && first_channel < image.channels.count());
   ENVCONV_ASSERT(faces_.size() <= most_faces);
   apron_ = apron_width(filter.kernel);
   place_faces(image);
-  copy_pixels(image, first_channel);
+  hold_pixels(image, writable, first_channel);
   if (filter.limited) {
     split_highlights(image);
     if (highlights_.any()) spread_highlights();
@@ -69,11 +69,14 @@ void Source::place_faces(const EnvImage& image) {
   highlights_.mask_index.assign(static_cast<std::size_t>(blocks), -1);
 }
 
-// Three or four channels are read where they are, unless the layout has texels to be adopted inside its faces.
-void Source::copy_pixels(const EnvImage& image, int first_channel) {
+// Three or four channels are read where they are, unless the layout has texels to be adopted inside its faces and these
+// may not be written to.
+void Source::hold_pixels(const EnvImage& image, EnvImage* writable, int first_channel) {
   const int stored = image.channels.count(), count = std::min(4, stored - first_channel);
   channels_ = count == 3 ? 3 : 4;
-  const bool in_place = stored == channels_ && layout_->info().domain == Domain::square;
+  const bool adopts = layout_->info().domain != Domain::square;
+  const bool in_place = stored == channels_ && (writable || !adopts);
+  copies_.reserve(faces_.size());
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     SourceFace& s = faces_[f];
     s.pitch = static_cast<std::ptrdiff_t>(s.size.width) * channels_;
@@ -81,6 +84,7 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
     s.image = &face;
     if (in_place) {
       s.pixels = face.data();
+      if (adopts) writable_.push_back(&writable->faces[f]);
       continue;
     }
     Image copy = face.sibling(s.size.width, s.size.height, channels_);
@@ -94,6 +98,7 @@ void Source::copy_pixels(const EnvImage& image, int first_channel) {
     });
     s.pixels = copy.data();
     copies_.push_back(std::move(copy));
+    if (adopts) writable_.push_back(&copies_.back());
   }
 }
 

@@ -147,7 +147,9 @@ struct HighlightQuad {
 class Source {
  public:
   /// Channels [first_channel, first_channel + 4) of the image, whose pixels must outlive the source.
-  Source(const EnvImage& image, int first_channel, const Filter& filter);
+  /// writable: the image, when its texels that no face owns may be overwritten instead of copied with all others, or
+  /// nullptr.
+  Source(const EnvImage& image, EnvImage* writable, int first_channel, const Filter& filter);
 
   const Layout& layout() const { return *layout_; }
   const std::vector<SourceFace>& faces() const { return faces_; }
@@ -230,7 +232,7 @@ class Source {
   class Ownership;
   using Texel = std::array<float, 4>;
   void place_faces(const EnvImage& image);
-  void copy_pixels(const EnvImage& image, int first_channel);
+  void hold_pixels(const EnvImage& image, EnvImage* writable, int first_channel);
   // Of a rectangle of a face's texels: the lowest value of each channel, and the largest magnitude of the first three.
   struct RectangleRange {
     int face, x, y, width, height;
@@ -287,6 +289,7 @@ class Source {
   int apron_;
   std::vector<SourceFace> faces_;
   std::vector<Image> copies_;               // of faces, where the image's pixels cannot be read in place
+  std::vector<Image*> writable_;            // by face: copies, or the image's; none where only strips are written
   std::vector<std::vector<Strip>> strips_;  // by face
   FaceMaps maps_;
   SphereMean mean_;

@@ -416,6 +416,30 @@ TEST(Resample, ManyChannelsAndNone) {
   EXPECT_FALSE(resample(nothing, to(*find_layout("cube"), 16)).ok());
 }
 
+TEST(Resample, AUsedUpSourceGivesTheSameBytes) {
+  for (const Layout& layout : all_layouts()) {
+    SCOPED_TRACE(layout.name());
+    EnvImage source = paint(layout, 24, 3, [](Vec3 d, float* p) {
+      for (int c = 0; c < 3; ++c) p[c] = c == 0 && d.y > 0.99 ? 900.0f : float(2 + d.x + c * d.z);
+    });
+    const ResampleOptions options = to(*find_layout("equi-angular-cube"), 16);
+    const EnvImage kept = convert(source, options);
+    const Result<EnvImage> moved = resample(std::move(source), options);
+    ASSERT_TRUE(moved.ok());
+    for (std::size_t f = 0; f < kept.faces.size(); ++f)
+      ASSERT_EQ(0, std::memcmp(kept.faces[f].data(), moved->faces[f].data(), kept.faces[f].value_count() * 4));
+  }
+}
+
+TEST(Resample, WhereNothingChangesAUsedUpSourceIsMoved) {
+  EnvImage source = paint(*find_layout("cube"), 16, 3, directions);
+  const float* texels = source.faces[2].data();
+  const Result<EnvImage> moved = resample(std::move(source), to(*find_layout("cube"), 16));
+  ASSERT_TRUE(moved.ok());
+  EXPECT_EQ(moved->faces[2].data(), texels);
+  EXPECT_TRUE(source.faces.empty());
+}
+
 TEST(Resample, ProgressCanStopTheWork) {
   const EnvImage source = paint(*find_layout("latlong"), 64, 3, directions);
   ResampleOptions options = to(*find_layout("cube"), 256);

@@ -108,13 +108,13 @@ class Stages {
     options.rotation = o_.rotation;
     options.filter = o_.filter;
     options.threads = o_.threads;
-    const std::size_t bytes = resample_bytes(image, options);
+    const std::size_t bytes = resample_bytes(image, options, true);
     // What was beside the faces in one image is gone.
     const std::size_t source = image.texel_count() * static_cast<std::size_t>(shape_.channels) * sizeof(float);
+    if (bytes == 0) return {source, 0, 0};
     // A copy with four channels, where texels cannot be read in place.
     const bool in_place = shape_.channels == 3 || shape_.channels == 4;
-    const std::size_t copy =
-        in_place && image.layout->info().domain == Domain::square ? 0 : image.texel_count() * 4 * sizeof(float);
+    const std::size_t copy = in_place ? 0 : image.texel_count() * 4 * sizeof(float);
     const std::size_t images = shape_.result_bytes + copy;
     return {source + images, bytes - std::min(bytes, images), 0};
   }

@@ -325,7 +325,8 @@ class Conversion {
     };
     options.threads = turn_.take_cores(texels + static_cast<std::int64_t>(image_.texel_count()));
     watch_.lap();
-    Result<EnvImage> result = named(job_, resample(image_, options, scratch_ ? room_for_result() : EnvImage{}));
+    EnvImage room = scratch_ ? room_for_result() : EnvImage{};
+    Result<EnvImage> result = named(job_, resample(std::move(image_), options, std::move(room)));
     outcome_.resample_seconds = watch_.lap();
     turn_.release_cores();
     if (!result) return turn_.cancelled() ? cancelled : result.error();
