@@ -125,8 +125,14 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
       one_face = one_face && plan.view.face == f.at.face;
       plan.view.add(texel_from_u(f.at.u, s.width(), source.placement),
                     texel_from_u(f.at.v, s.height(), source.placement));
-      if (std::isfinite(f.side_u)) plan.need_u = std::max(plan.need_u, f.side_u);
-      if (std::isfinite(f.side_v)) plan.need_v = std::max(plan.need_v, f.side_v);
+      for (int q = 0; q < 4; ++q) {
+        const int right = q % 2, lower = q / 2;
+        if (std::abs(i - 1 - 2 * right) > 1 || std::abs(j - 1 - 2 * lower) > 1) continue;
+        TilePlan::Need& need = plan.quarter[lower][right];
+        if (std::isfinite(f.side_u)) need.u = std::max(need.u, f.side_u);
+        if (std::isfinite(f.side_v)) need.v = std::max(need.v, f.side_v);
+        plan.need_u = std::max(plan.need_u, need.u), plan.need_v = std::max(plan.need_v, need.v);
+      }
       if (std::isfinite(f.narrow)) plan.least = std::min(plan.least, f.narrow);
       if (!f.has_waves) continue;
       ++waves;

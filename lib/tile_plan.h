@@ -48,7 +48,11 @@ struct TilePlan {
   static constexpr int nodes_x = 5, nodes_y = 5;
   double density[nodes_y][nodes_x];  ///< |dd/du x dd/dv| at equal steps from edge to edge; 1 for equal-area layouts
   double need_u = 0, need_v = 0;     ///< source texels along a texel's sides, at most
-  double least = 1e30;               ///< source texels that a texel is wide where it is narrowest
+  /// The same of its quarters: [lower][right].
+  struct Need {
+    double u = 0, v = 0;
+  } quarter[2][2];
+  double least = 1e30;  ///< source texels that a texel is wide where it is narrowest
   /// A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
   SourceWave wave_u, wave_v;
   SourceView view;      ///< from the tile's edges and its middle

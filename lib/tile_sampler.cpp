@@ -32,6 +32,16 @@ void for_each_near_highlight(const Source& source, const Workspace& w, int n, co
   }
 }
 
+// Whether any sample's window may hold an excess.
+bool touches_highlight(const Source& source, const Workspace& w, int n) {
+  const Highlights& highlights = source.highlights();
+  if (!highlights.any()) return false;
+  for (int s = 0; s < n; ++s)
+    if (highlights.touch(source.faces()[static_cast<std::size_t>(w.face[s])], w.windows.x[s], w.windows.y[s]))
+      return true;
+  return false;
+}
+
 // Where the rows of samples are going.
 struct Course {
   float face = -1;
@@ -65,6 +75,18 @@ void combine_densities(const GridQuadrature& q, int n, const float* in, float* o
     out[i] = 0;
     for (int k = 0; k < q.taps; ++k) out[i] += weight[k] * from[k];
   }
+}
+
+// Whether grids for the tile's quarters have fewer samples than one for all of it, by more than their plans cost.
+bool quarters_take_less(const TilePlan& plan, const Tile& tile) {
+  constexpr double beyond = 6, plans = 3000;  // samples beyond a row, and what four plans take the time of
+  const auto samples = [](double need_u, double need_v, double width, double height) {
+    return (std::max(need_u, 1.0) * width + beyond) * (std::max(need_v, 1.0) * height + beyond);
+  };
+  double parts = plans;
+  for (const auto& row : plan.quarter)
+    for (const TilePlan::Need& need : row) parts += samples(need.u, need.v, 0.5 * tile.width, 0.5 * tile.height);
+  return parts < samples(plan.need_u, plan.need_v, tile.width, tile.height);
 }
 
 [[maybe_unused]] bool is_no_weight(float weight) { return !(weight >= 0); }
@@ -160,11 +182,17 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile, TexelMask& met) {
     }
     std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
     out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-    find_windows(filter_.kernel, w, count);
+    // Beyond the rim, where nothing is integrated, the source is read as it is, away from highlights.
+    Kernel kernel = outside && taps(filter_.kernel) > taps(Kernel::bilinear) ? Kernel::bilinear : filter_.kernel;
+    find_windows(kernel, w, count);
+    if (kernel != filter_.kernel && touches_highlight(source_, w, count)) {
+      kernel = filter_.kernel;
+      make_windows(source_.maps(), kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
+    }
     if (source_.highlights().any())
       for_each_near_highlight(source_, w, count,
                               [&](int s) { met.add(s % n, j + s / n, s % n + 1, j + s / n + 1, tile); });
-    read(filter_.kernel, w, count, w.samples);
+    read(kernel, w, count, w.samples);
     for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
       store_texels(n, w.samples + 4 * s, {}, lowest_, channels_, stored, face.at(tile.x0, y) + first_channel_);
   }
@@ -205,10 +233,7 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
     out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
     find_windows(kernel, w, nu);
     if (highlights.any()) {
-      if (kernel == Kernel::drooping)
-        for (int s = 0; s < nu; ++s)
-          if (highlights.touch(source_.faces()[static_cast<std::size_t>(w.face[s])], w.windows.x[s], w.windows.y[s]))
-            return false;
+      if (kernel == Kernel::drooping && touches_highlight(source_, w, nu)) return false;
       const int j = static_cast<int>(std::floor(y));
       for_each_near_highlight(source_, w, nu, [&](int s) {
         const int i = static_cast<int>(std::floor(first_u + s * step_u + 0.5));
@@ -358,8 +383,9 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
   if (rim_side(out_, tile) == RimSide::outside) return point_pass(w, tile, met);
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
   const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth;
-  if (!grid && !tile_plan.inside && tile.width > least_part && tile.height > least_part) {
-    // Only the parts that a disc's rim crosses go without a grid.
+  // Only the parts that a disc's rim crosses go without a grid, and only those that need it take many samples.
+  if (tile.width > least_part && tile.height > least_part &&
+      ((!grid && !tile_plan.inside) || (grid && options_.samples == 0 && quarters_take_less(tile_plan, tile)))) {
     const int left = tile.width / 2, top = tile.height / 2;
     for (const int x : {0, left})
       for (const int y : {0, top}) {
