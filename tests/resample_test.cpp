@@ -14,6 +14,7 @@
 #include "analyze.h"
 #include "layout_cases.h"
 #include "painted_map.h"
+#include "quadrature.h"
 #include "sampler.h"
 #include "solid_angle.h"
 
@@ -122,6 +123,53 @@ TEST_P(ResampleLaws, MeanRadianceIsKept) {
       const EnvImage out = convert(source, to(target, height_for(target, texels)));
       EXPECT_NEAR(mean_radiance(out)[0] / mean, 1.0, 1e-4) << target.name() << " at " << texels;
     }
+}
+
+// Waves of a third of the source's Nyquist frequency are as good near its seams as elsewhere.
+TEST(Resample, SeamsOfTheSourceCostNothing) {
+  for (const char* name : {"cube", "tennis-ball", "diamond-12"}) {
+    SCOPED_TRACE(name);
+    const Layout& layout = *find_layout(name);
+    const int height = height_for_texels(layout, 60000);
+    const double limit = M_PI * std::sqrt(texel_count(layout, height) / figures(layout).sampling_requirement);
+    std::mt19937 random(7);
+    std::normal_distribution<double> normal;
+    std::vector<Vec3> waves;
+    for (int i = 0; i < 8; ++i)
+      waves.push_back(0.3 * limit * normalize({normal(random), normal(random), normal(random)}));
+    const auto value = [&](Vec3 d) {
+      double sum = 0;
+      for (const Vec3& k : waves) sum += std::cos(dot(k, d));
+      return 1 + 0.1 * sum;
+    };
+    const EnvImage source = paint(layout, height, 3, [&](Vec3 d, float* p) { p[0] = p[1] = p[2] = float(value(d)); });
+    const EnvImage out = convert(source, to(*find_layout("latlong"), 96));
+    const Quadrature q = box_quadrature(6);
+    const double near = 6.0 / height;
+    double error[2]{}, area[2]{};  // elsewhere, and near seams
+    for (int y = 8; y < 88; ++y)
+      for (int x = 0; x < 192; ++x) {
+        double sum = 0, total = 0;
+        for (std::size_t j = 0; j < q.offset.size(); ++j)
+          for (std::size_t i = 0; i < q.offset.size(); ++i) {
+            const double v = u_from_texel(y + q.offset[j], 96, out.placement),
+                         w = q.weight[i] * q.weight[j] * std::sin(M_PI * v);
+            sum += w * value(out.layout->direction(0, u_from_texel(x + q.offset[i], 192, out.placement), v));
+            total += w;
+          }
+        const Location at = layout.locate(
+            out.layout->direction(0, u_from_texel(x, 192, out.placement), u_from_texel(y, 96, out.placement)));
+        bool seam = false;
+        for (const double a : {-near, near})
+          for (const double b : {-near, near}) {
+            const double u = at.u + a, v = at.v + b;
+            seam = seam || u < 0 || u > 1 || v < 0 || v > 1 || !layout.owns(at.face, u, v);
+          }
+        const double off = double(out.faces[0].at(x, y)[0]) - sum / total;
+        error[seam] += off * off, area[seam] += 1;
+      }
+    EXPECT_LT(std::sqrt(error[1] / area[1]), 1.25 * std::sqrt(error[0] / area[0]));
+  }
 }
 
 // A sun of one texel, 5e4 times the rest, in places where its texel is a sliver, a corner or cut by a seam.

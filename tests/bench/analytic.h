@@ -130,10 +130,27 @@ inline Estimate estimate_of(const EnvImage& image) {
   };
 }
 
+/// True for directions within `texels` of a face's edge, a seam or a pole of a picture: where a step of so many to any
+/// side leads to another face, or out of the face.
+inline bool near_seam(const Layout& layout, int height, Vec3 d, double texels) {
+  const Location at = layout.locate(d);
+  const Size size = face_size(layout, at.face, height);
+  const double du = texels / size.width, dv = texels / size.height;
+  for (const double a : {-1.0, 0.0, 1.0})
+    for (const double b : {-1.0, 0.0, 1.0}) {
+      const double u = at.u + a * du, v = at.v + b * dv;
+      if (u < 0 || u > 1 || v < 0 || v > 1 || !layout.owns(at.face, u, v)) return true;
+    }
+  return false;
+}
+
+/// Which texels are judged, by their directions.
+using Chosen = std::function<bool(Vec3)>;
+
 /// PSNR in dB of each estimate of a picture with these faces: of its owned texels all of whose footprint has
-/// directions of its own, evenly strewn so that there are about `most` of them.
+/// directions of its own, evenly strewn so that there are about `most` of them, chosen or not.
 inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& signal,
-                                std::span<const Estimate> estimates, double most = 3e4) {
+                                std::span<const Estimate> estimates, double most = 3e4, const Chosen& chosen = {}) {
   const Placement placement = layout.info().placement;
   const Quadrature q = box_quadrature(8);
   const int step =
@@ -161,6 +178,9 @@ inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& 
       row.error.resize(estimates.size());
       for (int x = (y / step) % step; x < size.width; x += step) {
         if (!counts(x, y)) continue;
+        if (chosen && !chosen(layout.direction(f, u_from_texel(x, size.width, placement),
+                                               u_from_texel(y, size.height, placement))))
+          continue;
         double weight;
         const Rgb truth = footprint_mean(layout, f, x, y, size, placement, q, signal, &weight);
         for (std::size_t k = 0; k < estimates.size(); ++k) {

@@ -3,6 +3,7 @@
 //
 //     resample_bench [OPTION...] SOURCE_HEIGHT TARGET_HEIGHT...
 //       --from LAYOUT, --to LAYOUT, --filter NAME, --samples N, --band SHARE (0.98), --seed N, --runs N, --rate-only
+//       --seams        quality near seams as well: of both, within 12 texels of each
 //       --paint FILE   writes the source, and does no more
 //       --judge FILE   prints the quality of FILE, made of that source by another program; --packing NAME
 //
@@ -26,7 +27,7 @@ struct Options {
   int runs = 5, samples = 0;
   unsigned seed = 20260921;
   double band = 0.98;
-  bool rate_only = false;
+  bool rate_only = false, seams = false;
   std::vector<int> heights;
 };
 
@@ -53,6 +54,8 @@ Options parsed(int argc, char** argv) {
       o.samples = std::atoi(value());
     else if (word == "--seed")
       o.seed = static_cast<unsigned>(std::atoi(value()));
+    else if (word == "--seams")
+      o.seams = true;
     else if (word == "--band")
       o.band = std::atof(value());
     else if (word == "--rate-only")
@@ -63,10 +66,23 @@ Options parsed(int argc, char** argv) {
   return o;
 }
 
-void print_quality(const EnvImage& out, int height, const Signal& signal) {
+void print_quality(const EnvImage& out, const Options& o, int height, const Signal& signal) {
   const Estimate estimates[] = {estimate_of(out)};
-  const Rgb q = quality(*out.layout, height, signal, estimates).front();
-  std::printf("  PSNR R %.1f  G %.1f  B %.1f dB\n", q[0], q[1], q[2]);
+  const auto print = [](const char* where, const Rgb& q) {
+    std::printf("  %sPSNR R %.1f  G %.1f  B %.1f dB\n", where, q[0], q[1], q[2]);
+  };
+  print("", quality(*out.layout, height, signal, estimates).front());
+  if (!o.seams) return;
+  constexpr double near = 12, most = 1e5;
+  const Layout& source = *find_layout(o.from);
+  const auto judge = [&](const char* where, const Chosen& chosen) {
+    print(where, quality(*out.layout, height, signal, estimates, most, chosen).front());
+  };
+  const Chosen by_source = [&](Vec3 d) { return near_seam(source, o.heights[0], d, near); };
+  const Chosen by_target = [&](Vec3 d) { return near_seam(*out.layout, height, d, near); };
+  judge("12 texels from the source's seams:  ", by_source);
+  judge("12 texels from the target's seams:  ", by_target);
+  judge("elsewhere:                          ", [&](Vec3 d) { return !by_source(d) && !by_target(d); });
 }
 
 // Values as they are, whatever the format.
@@ -112,7 +128,7 @@ int measure(const EnvImage& source, const ResampleOptions& options, const Option
   std::printf("%s %d -> %s %d: %.4f s, %.1f Mtexel/s, %.4f s of processor\n", o.from.c_str(), o.heights[0],
               o.to.c_str(), options.height, median(wall), static_cast<double>(out.texel_count()) / median(wall) / 1e6,
               median(cpu));
-  if (!o.rate_only) print_quality(out, options.height, signal);
+  if (!o.rate_only) print_quality(out, o, options.height, signal);
   return 0;
 }
 
@@ -131,7 +147,7 @@ int main(int argc, char** argv) {
     if (!o.judge.empty()) {
       const Result<EnvImage> image = read(o.judge, *target, o.packing);
       if (!image) return std::fprintf(stderr, "%s\n", image.error().message.c_str()), 1;
-      print_quality(*image, o.heights[k], signal);
+      print_quality(*image, o, o.heights[k], signal);
       continue;
     }
     EnvImage image = paint(*source, o.heights[0], signal);
