@@ -344,9 +344,9 @@ void Source::adopt(const Orphans& orphans) {
   // many passes as plain ones: a tennis ball's seam then costs nothing, where three plain ones left 16 dB of error.
   // Eigenvalues of the interpolation are taken to lie between these.  Each pass reads the one before only, so that the
   // order (and the thread count) does not matter.
-  constexpr double least = -0.8, most = 0.6;
+  constexpr double least = -0.75, most = 0.55;
   constexpr double step = 2 / (2 - least - most), spread = (most - least) / (2 - least - most);
-  constexpr int passes = 6;
+  constexpr int passes = 5;
   const std::vector<Orphan> refined(open.begin(), open.end());
   std::vector<Texel> interpolated(refined.size()), values(refined.size()), before(refined.size());
   for (std::size_t i = 0; i < refined.size(); ++i)
