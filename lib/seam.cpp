@@ -330,10 +330,15 @@ void average(EnvImage& image, int width) {
 
 void fix_seams(EnvImage& image, const Seam& seam) {
   if (seam.method == SeamMethod::average) return average(image, seam.texels);
-  if (seam.method != SeamMethod::stretch) return;
-  ENVCONV_ASSERT(image.placement == Placement::inclusive);
-  if (std::ranges::all_of(image.faces, [](const Image& face) { return face.pixel_count() == 1; }))
-    return merge_single_texels(image);
+  const bool stretch = seam.method == SeamMethod::stretch;
+  if (stretch) ENVCONV_ASSERT(image.placement == Placement::inclusive);
+  // Of texels on an edge a face has one half or less; where it is met they are read alone, and gutters don't show.
+  const bool whole = seam.gutter() > 0 && image.placement == Placement::inclusive;
+  if (!stretch && !whole) return;
+  if (std::ranges::all_of(image.faces, [](const Image& face) { return face.pixel_count() == 1; })) {
+    if (stretch) merge_single_texels(image);
+    return;
+  }
   Groups groups(image);
   join_same_directions(image, groups);
   merge(image, groups, edge_texels(image, groups));

@@ -50,8 +50,9 @@ std::string text_of(const Seam& seam);
 /// The placement of texels that a seam method asks for in a layout.
 Placement placement_for(const Layout& layout, const Seam& seam);
 
-/// Changes the texels at the edges of one level: `average` and `stretch` (whose placement the image must have already).
-/// The mean over the sphere is kept.  Other methods change nothing.
+/// Changes the texels at the edges of one level: `average`, `stretch` (whose placement the image must have already),
+/// and `gutter` of layouts whose texels are centred on the edges: these are read alone there, so they become whole, the
+/// same on both sides, as `stretch` makes them.  The mean over the sphere is kept.  Else nothing changes.
 void fix_seams(EnvImage& image, const Seam& seam);
 
 /// The faces of one level grown by `texels` on every side, filled with radiance from beyond the edges.  Where an edge
@@ -74,17 +75,17 @@ LookupScale lookup_scale(int n, Placement placement, int gutter);
 /// Seam errors, relative to the map's mean radiance.
 struct SeamError {
   double largest = 0, rms = 0;                ///< between both sides' reconstructions, over points along all seams
-  double inside_largest = 0, inside_rms = 0;  ///< over steps as long inside faces
+  double inside_largest = 0, inside_rms = 0;  ///< over steps as long inside faces, from the texels beside the seams
   std::int64_t points = 0;                    ///< along seams
 };
 /// Compares, at points along every seam, the clamped bilinear reconstructions of its two sides (the largest difference
-/// among channels of radiance), beside steps of equal length inside faces: the length is the angle between the nearest
-/// texels of the two sides, its root mean square along all seams, and steps are of as many texels along a row or a
-/// column as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is
-/// one direction, it is many.  Inside is every texel of which the layout owns a part.  Seams are the edges of faces, as
-/// far as the layout owns what is there, and the curves on which ownership changes inside them.  A light of a texel or
-/// less on a seam is more of the seam's mean square than of that inside, as a line has fewer points than a face has
-/// texels: what is largest compares such maps better.  `grown`: the faces with gutters of so many texels, or empty.
+/// among channels of radiance), beside steps of equal length inside faces.  Those begin at the two sides' texels that
+/// are nearest to the point, which are apart by the length, and go along rows and columns, each way, by as many texels
+/// as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is one
+/// direction, it is many.  Where a step ends is every texel of which the layout owns a part.  So both figures look at
+/// the same lights, one at a seam included, and without anything done at seams they are about equal.  Seams are the
+/// edges of faces, as far as the layout owns what is there, and the curves on which ownership changes inside them.
+/// `grown`: the faces with gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv

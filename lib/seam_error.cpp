@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <vector>
 
 #include "face_reader.h"
 #include "seam.h"
@@ -24,11 +24,6 @@ struct Tally {
     squares += difference * difference;
     ++count;
   }
-  void add(const Tally& other) {
-    largest = std::max(largest, other.largest);
-    squares += other.squares;
-    count += other.count;
-  }
   double rms() const { return count ? std::sqrt(squares / static_cast<double>(count)) : 0; }
 };
 
@@ -41,20 +36,17 @@ class Measure {
         gutter_(grown.empty() ? 0 : gutter) {}
 
   SeamError run() {
-    Tally seams, inside;
     for (int f = 0; f < layout_.face_count(); ++f) {
-      for (int side = 0; side < 4; ++side) add_edge(f, side, seams);
-      if (layout_.info().domain != Domain::square) add_curves(f, seams);
+      for (int side = 0; side < 4; ++side) add_edge(f, side);
+      if (layout_.info().domain != Domain::square) add_curves(f);
     }
-    const double length = steps_ > 0 ? std::sqrt(squared_lengths_ / steps_) : 0;
-    for (int f = 0; f < layout_.face_count(); ++f) add_inside(f, length, inside);
     const SphereMean mean = sphere_mean(image_);
     double brightness = 0;
     int colours = 0;
     for (int c = 0; c < image_.channels.count(); ++c)
       if (c != image_.channels.alpha) brightness += mean.magnitude[static_cast<std::size_t>(c)], ++colours;
     const double unit = brightness > 0 ? colours / brightness : 0;
-    return {seams.largest * unit, seams.rms() * unit, inside.largest * unit, inside.rms() * unit, seams.count};
+    return {seams_.largest * unit, seams_.rms() * unit, inside_.largest * unit, inside_.rms() * unit, seams_.count};
   }
 
  private:
@@ -96,27 +88,41 @@ class Measure {
     return at;
   }
 
-  // Where the texel looks that is nearest to a point of a seam, of those whose centres the layout owns.
-  Vec3 nearest_texel(const Location& at) const {
+  struct Texel {
+    int face, x, y;
+  };
+
+  // Where a texel's middle looks: of those that are centred on an edge (Placement::inclusive) the middle of the half
+  // that there is, else neighbours over a seam would be nowhere apart.
+  Vec3 direction(const Texel& t) const {
+    const Size size = size_of(t.face);
+    const auto middle = [&](int i, int n) {
+      const double u = u_from_texel(i, n, image_.placement), half = texel_extent(n, image_.placement) / 2;
+      return (std::max(u - half, 0.0) + std::min(u + half, 1.0)) / 2;
+    };
+    return layout_.direction(t.face, middle(t.x, size.width), middle(t.y, size.height));
+  }
+
+  // The texel that is nearest to a point of a seam, of those whose centres the layout owns.
+  std::optional<Texel> nearest_texel(const Location& at) const {
     const Size size = size_of(at.face);
     const double x = texel_from_u(at.u, size.width, image_.placement),
                  y = texel_from_u(at.v, size.height, image_.placement);
     const int i = static_cast<int>(std::lround(x)), j = static_cast<int>(std::lround(y));
-    Vec3 nearest = layout_.direction(at.face, at.u, at.v);
+    std::optional<Texel> nearest;
     double least = HUGE_VAL;
     for (int b = std::max(0, j - 1); b <= std::min(size.height - 1, j + 1); ++b)
       for (int a = std::max(0, i - 1); a <= std::min(size.width - 1, i + 1); ++a) {
-        const double u = u_from_texel(a, size.width, image_.placement),
-                     v = u_from_texel(b, size.height, image_.placement);
         const double distance = (a - x) * (a - x) + (b - y) * (b - y);
-        if (distance < least && layout_.owns(at.face, u, v))
-          least = distance, nearest = layout_.direction(at.face, u, v);
+        if (distance < least && layout_.owns(at.face, u_from_texel(a, size.width, image_.placement),
+                                             u_from_texel(b, size.height, image_.placement)))
+          least = distance, nearest = {at.face, a, b};
       }
     return nearest;
   }
 
   // Both sides' reconstructions at a point of a face's edge of ownership; `out`: a point just beyond it.
-  void add_point(const Location& on, Vec3 out, Tally& tally) {
+  void add_point(const Location& on, Vec3 out) {
     const Vec3 d = layout_.direction(on.face, on.u, on.v);
     const Location other = refined(layout_.locate(out), d);
     if (other.face == on.face && std::abs(other.u - on.u) + std::abs(other.v - on.v) < 1e-4) return;  // no seam
@@ -124,13 +130,15 @@ class Measure {
     a_.resize(channels), b_.resize(channels);
     read(on, a_.data());
     read(other, b_.data());
-    tally.add(difference(a_.data(), b_.data()));
-    const Vec3 step = nearest_texel(on) - nearest_texel(other);
-    squared_lengths_ += dot(step, step);
-    ++steps_;
+    seams_.add(difference(a_.data(), b_.data()));
+    const std::optional<Texel> here = nearest_texel(on), there = nearest_texel(other);
+    const Vec3 step = (here ? direction(*here) : d) - (there ? direction(*there) : d);
+    const double length = std::sqrt(dot(step, step));
+    if (here) add_inside(*here, length);
+    if (there) add_inside(*there, length);
   }
 
-  void add_edge(int f, int side, Tally& tally) {
+  void add_edge(int f, int side) {
     const Size size = size_of(f);
     const int n = points_per_texel * (side < 2 ? size.height : size.width);
     for (int k = 0; k < n; ++k) {
@@ -139,12 +147,12 @@ class Measure {
       const Location inner = at(in), on = at(edge);
       if (!layout_.owns(f, inner.u, inner.v)) continue;
       const Vec3 d = layout_.direction(f, on.u, on.v), before = layout_.direction(f, inner.u, inner.v);
-      add_point(on, d + (d - before), tally);
+      add_point(on, d + (d - before));
     }
   }
 
   // Where ownership changes along lines of texels.
-  void add_curves(int f, Tally& tally) {
+  void add_curves(int f) {
     const Size size = size_of(f);
     for (const bool down : {false, true}) {
       const int lines = down ? size.width : size.height, steps = 2 * (down ? size.height : size.width);
@@ -158,7 +166,7 @@ class Measure {
           const double begin = std::max(step_over, (s - 1.0) / steps),
                        end = std::min(1 - step_over, static_cast<double>(s) / steps);
           const bool here = owns(end);
-          if (here != last) add_crossing(f, at, owns, last ? begin : end, last ? end : begin, tally);
+          if (here != last) add_crossing(f, at, owns, last ? begin : end, last ? end : begin);
           last = here;
         }
       }
@@ -166,13 +174,13 @@ class Measure {
   }
 
   template <class At, class Owns>
-  void add_crossing(int f, const At& at, const Owns& owns, double in, double out, Tally& tally) {
+  void add_crossing(int f, const At& at, const Owns& owns, double in, double out) {
     for (int step = 0; step < 45; ++step) {
       const double middle = 0.5 * (in + out);
       (owns(middle) ? in : out) = middle;
     }
     const Location on = at(in), beyond = at(in + (out > in ? 1 : -1) * step_over);
-    add_point(on, layout_.direction(f, beyond.u, beyond.v), tally);
+    add_point(on, layout_.direction(f, beyond.u, beyond.v));
   }
 
   // True when the layout owns some of a texel.  What a face shows of a light on a seam may be in a texel that is
@@ -189,47 +197,55 @@ class Measure {
            owns(x + corner, y + corner);
   }
 
-  // Texels of one row or column so far apart on the sphere, to within a texel, and neighbours at least.
-  void add_inside(int f, double length, Tally& tally) const {
-    const Size size = size_of(f);
-    const Image& face = image_.faces[static_cast<std::size_t>(f)];
-    const bool whole = layout_.info().domain == Domain::square;
-    std::vector<Tally> rows(static_cast<std::size_t>(size.height));
-    tbb::parallel_for(0, size.height, [&](int y) {
-      const auto channels = static_cast<std::size_t>(face.channels());
-      std::vector<double> a(channels), b(channels);
-      const auto counts = [&](int x, int j) { return whole || holds_radiance(f, x, j); };
-      const auto direction = [&](int x, int j) {
-        return layout_.direction(f, u_from_texel(x, size.width, image_.placement),
-                                 u_from_texel(j, size.height, image_.placement));
-      };
-      for (int x = 0; x < size.width; ++x) {
-        if (!counts(x, y)) continue;
-        std::copy_n(face.at(x, y), channels, a.begin());
-        const Vec3 d = direction(x, y);
-        for (const auto& [right, down] : {std::pair{1, 0}, {0, 1}}) {
-          if (x + right >= size.width || y + down >= size.height) continue;
-          const Vec3 step = direction(x + right, y + down) - d;
-          // The texels of a pole's row look the same way.
-          const double texel = std::sqrt(dot(step, step)), farthest = size.width + size.height;
-          const int n = texel > 0 ? static_cast<int>(std::lround(std::clamp(length / texel, 1.0, farthest))) : 1;
-          const int i = x + n * right, j = y + n * down;
-          if (i >= size.width || j >= size.height || !counts(i, j)) continue;
-          std::copy_n(face.at(i, j), channels, b.begin());
-          rows[static_cast<std::size_t>(y)].add(difference(a.data(), b.data()));
-        }
-      }
-    });
-    for (const Tally& row : rows) tally.add(row);
+  // A texel that the layout owns some of.
+  bool has(const Texel& t) const {
+    const Size size = size_of(t.face);
+    return t.x >= 0 && t.y >= 0 && t.x < size.width && t.y < size.height &&
+           (layout_.info().domain == Domain::square || holds_radiance(t.face, t.x, t.y));
+  }
+
+  // The texel at about a distance from another along its row or column, the next at least; none if the face ends
+  // before.
+  std::optional<Texel> texel_apart(const Texel& from, int right, int down, double distance) const {
+    const Vec3 d = direction(from);
+    constexpr double much_shorter = 0.5;
+    std::optional<Texel> best;
+    double least = HUGE_VAL;
+    // Rows bend and texels differ in size, so it is measured again where the first guess leads to.
+    constexpr int guesses = 4;
+    for (int guess = 0, n = 1; guess <= guesses; ++guess) {
+      const Texel to{from.face, from.x + n * right, from.y + n * down};
+      if (!has(to)) break;
+      const Vec3 step = direction(to) - d;
+      const double far = std::sqrt(dot(step, step)), miss = std::abs(far - distance);
+      if (miss < least && far >= much_shorter * distance) least = miss, best = to;
+      const Size size = size_of(from.face);
+      const double farthest = size.width + size.height;
+      const int next = far > 0 ? static_cast<int>(std::lround(std::clamp(n * distance / far, 1.0, farthest))) : n;
+      if (next == n) break;
+      n = next;
+    }
+    return best;
+  }
+
+  // Steps from a texel along its row and column, each way, as long as one between the two sides.
+  void add_inside(const Texel& from, double length) {
+    const Image& face = image_.faces[static_cast<std::size_t>(from.face)];
+    std::copy_n(face.at(from.x, from.y), a_.size(), a_.begin());
+    for (const auto& [right, down] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+      const std::optional<Texel> to = texel_apart(from, right, down, length);
+      if (!to) continue;
+      std::copy_n(face.at(to->x, to->y), b_.size(), b_.begin());
+      inside_.add(difference(a_.data(), b_.data()));
+    }
   }
 
   const EnvImage& image_;
   const Layout& layout_;
   const std::vector<Image>& faces_;
   int gutter_;
-  std::vector<double> a_, b_;
-  double squared_lengths_ = 0;  // of the steps between both sides' texels along seams
-  std::int64_t steps_ = 0;
+  Tally seams_, inside_;
+  std::vector<double> a_, b_;  // channels of the two that are compared
 };
 
 }  // namespace

@@ -339,8 +339,8 @@ Command info_command() {
   command.options.push_back(in_group(
       switch_option("--seams", options->seams,
                     "measure the seam error: the largest and the root-mean-square difference between the two sides' "
-                    "clamped bilinear reconstructions along all seams, of the mean radiance, beside steps of one texel "
-                    "inside faces"),
+                    "clamped bilinear reconstructions along all seams, of the mean radiance, beside steps "
+                    "as long inside faces, from the texels beside the seams"),
       "General"));
   command.options.push_back(in_group(
       switch_option("--json", options->json, "one JSON object on stdout, or an array of them for several files"),
