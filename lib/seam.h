@@ -79,13 +79,13 @@ struct SeamError {
   std::int64_t points = 0;                    ///< along seams
 };
 /// Compares, at points along every seam, the clamped bilinear reconstructions of its two sides (the largest difference
-/// among channels of radiance), beside steps of equal length inside faces.  Those begin at the two sides' texels that
-/// are nearest to the point, which are apart by the length, and go along rows and columns, each way, by as many texels
-/// as come nearest to it, one at least.  For most layouts that is a texel; at the rim of sphere maps, which is one
-/// direction, it is many.  Where a step ends is every texel of which the layout owns a part.  So both figures look at
-/// the same lights, one at a seam included, and without anything done at seams they are about equal.  Seams are the
-/// edges of faces, as far as the layout owns what is there, and the curves on which ownership changes inside them.
-/// `grown`: the faces with gutters of so many texels, or empty.
+/// among channels of radiance), beside steps of equal length inside faces.  The length is what the two sides' texels
+/// nearest to the point are apart; steps begin at these, or up to one step from them, and go along rows and columns,
+/// each way, by as many texels as come nearest to the length, one at least.  For most layouts that is a texel; at the
+/// rim of sphere maps, which is one direction, it is many.  Where a step ends is every texel of which the layout owns a
+/// part.  So both figures look at the same lights, one at a seam included, and without anything done at seams they are
+/// about equal.  Seams are the edges of faces, as far as the layout owns what is there, and the curves on which
+/// ownership changes inside them. `grown`: the faces with gutters of so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv

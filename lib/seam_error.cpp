@@ -228,15 +228,21 @@ class Measure {
     return best;
   }
 
-  // Steps from a texel along its row and column, each way, as long as one between the two sides.
-  void add_inside(const Texel& from, double length) {
-    const Image& face = image_.faces[static_cast<std::size_t>(from.face)];
-    std::copy_n(face.at(from.x, from.y), a_.size(), a_.begin());
+  // Steps along a texel's row and column, each way, as long as one between the two sides: those that begin within one
+  // step of the texel, since what lies there is what sides that differ have to show.
+  void add_inside(const Texel& beside, double length) {
+    const Image& face = image_.faces[static_cast<std::size_t>(beside.face)];
     for (const auto& [right, down] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
-      const std::optional<Texel> to = texel_apart(from, right, down, length);
-      if (!to) continue;
-      std::copy_n(face.at(to->x, to->y), b_.size(), b_.begin());
-      inside_.add(difference(a_.data(), b_.data()));
+      std::optional<Texel> to = texel_apart(beside, right, down, length);
+      const int texels = to ? std::abs(to->x - beside.x + to->y - beside.y) : 0;
+      for (int k = 0; to && k <= texels; ++k) {
+        const Texel from{beside.face, beside.x + k * right, beside.y + k * down};
+        if (k > 0) to = texel_apart(from, right, down, length);
+        if (!to) break;
+        std::copy_n(face.at(from.x, from.y), a_.size(), a_.begin());
+        std::copy_n(face.at(to->x, to->y), b_.size(), b_.begin());
+        inside_.add(difference(a_.data(), b_.data()));
+      }
     }
   }
 
