@@ -25,14 +25,6 @@ const std::array<Mode, mode_count> modes{{
     {15, 5, 1, 16, {4, 4, 4}, true},
 }};
 
-const std::array<std::uint16_t, partition_count> partition_masks{
-    0xCCCC, 0x8888, 0xEEEE, 0xECC8, 0xC880, 0xFEEC, 0xFEC8, 0xEC80, 0xC800, 0xFFEC, 0xFE80,
-    0xE800, 0xFFE8, 0xFF00, 0xFFF0, 0xF000, 0xF710, 0x008E, 0x7100, 0x08CE, 0x008C, 0x7310,
-    0x3100, 0x8CCE, 0x088C, 0x3110, 0x6666, 0x366C, 0x17E8, 0x0FF0, 0x718E, 0x399C};
-
-const std::array<std::uint8_t, partition_count> second_anchor{
-    15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 2, 8, 2, 2, 8, 8, 15, 2, 8, 2, 2, 8, 8, 2, 2};
-
 namespace {
 
 // Where the bits between a mode's code and its partition go, as the specification writes it: the end point's channel
@@ -114,30 +106,6 @@ constexpr std::array<Places, mode_count> parse_all() {
 }
 constexpr std::array<Places, mode_count> places = parse_all();
 
-// The 128 bits, lowest first.
-class Bits {
- public:
-  Bits() = default;
-  explicit Bits(const std::uint8_t* bytes) {
-    for (int i = 15; i >= 0; --i) word_[i / 8] = word_[i / 8] << 8 | bytes[i];
-  }
-  void store(std::uint8_t* bytes) const {
-    for (int i = 0; i < 16; ++i) bytes[i] = static_cast<std::uint8_t>(word_[i / 8] >> 8 * (i % 8));
-  }
-  int take(int count) {
-    int value = 0;
-    for (int i = 0; i < count; ++i, ++at_) value |= static_cast<int>(word_[at_ >> 6] >> (at_ & 63) & 1) << i;
-    return value;
-  }
-  void put(int value, int count) {
-    for (int i = 0; i < count; ++i, ++at_) word_[at_ >> 6] |= static_cast<std::uint64_t>(value >> i & 1) << (at_ & 63);
-  }
-
- private:
-  std::uint64_t word_[2]{};
-  int at_ = 0;
-};
-
 int extend_sign(int value, int bits) {
   const int sign = 1 << (bits - 1);
   return ((value & (2 * sign - 1)) ^ sign) - sign;
@@ -185,7 +153,7 @@ bool fits(const Block& block) {
 void pack(const Block& block, std::uint8_t* bytes) {
   ENVCONV_ASSERT(fits(block));
   const Mode& mode = modes[static_cast<std::size_t>(block.mode)];
-  Bits bits;
+  bptc::Bits bits;
   bits.put(mode.code, mode.code_bits);
   const Places& layout = places[static_cast<std::size_t>(block.mode)];
   for (std::size_t i = 0; i < static_cast<std::size_t>(layout.count); ++i) {
@@ -202,7 +170,7 @@ void pack(const Block& block, std::uint8_t* bytes) {
 }
 
 bool unpack(const std::uint8_t* bytes, bool is_signed, Block& block) {
-  Bits bits(bytes);
+  bptc::Bits bits(bytes);
   int code = bits.take(2);
   if (code >= 2) code |= bits.take(3) << 2;
   const int m = mode_of_code(code);

@@ -7,6 +7,8 @@
 #include <array>
 #include <cstdint>
 
+#include "bptc.h"
+
 namespace envconv::bc6h {
 
 inline constexpr int mode_count = 14;
@@ -33,19 +35,14 @@ struct Block {
   std::array<std::uint8_t, 16> index;  ///< by texel, row by row: 0 to 15 with one region, 0 to 7 with two
 };
 
-/// Bit t of partition_masks[p] is the region of texel t.
-extern const std::array<std::uint16_t, partition_count> partition_masks;
-
-/// The texel of region 1 whose index lacks its highest bit (that of region 0 is texel 0).
-extern const std::array<std::uint8_t, partition_count> second_anchor;
+inline constexpr const auto& partition_masks = bptc::masks;  ///< the first partition_count of them
+using bptc::interpolate;
+using bptc::second_anchor;
 
 /// Weights, in 64ths, of the second end point by index.
-inline constexpr std::array<std::uint8_t, 16> weights_of_16{0,  4,  9,  13, 17, 21, 26, 30,
-                                                            34, 38, 43, 47, 51, 55, 60, 64};
-inline constexpr std::array<std::uint8_t, 8> weights_of_8{0, 9, 18, 27, 37, 46, 55, 64};
 inline int weight(int regions, int index) {
   const auto i = static_cast<std::size_t>(index);
-  return regions == 1 ? weights_of_16[i] : weights_of_8[i];
+  return regions == 1 ? bptc::weights_of_16[i] : bptc::weights_of_8[i];
 }
 
 /// Stored end point to what is interpolated: 0 to 65535 unsigned.
@@ -54,7 +51,6 @@ inline int unquantize(int value, int bits) {
   if (value == (1 << bits) - 1) return 0xFFFF;
   return ((value << 16) + 0x8000) >> bits;
 }
-inline int interpolate(int a, int b, int weight) { return (a * (64 - weight) + b * weight + 32) >> 6; }
 /// What is interpolated to an unsigned half's bit pattern, 0 to 0x7BFF (65504).
 inline int to_half_bits(int value) { return value * 31 >> 6; }
 

@@ -7,7 +7,6 @@
 #include <optional>
 #include <string>
 
-#include "imageio_loader.h"
 #include "io_shared.h"
 
 namespace envconv {
@@ -69,6 +68,18 @@ constexpr NumberedFormat kFormats[] = {
     {93, {.type = PixelType::uint8, .channels = 4, .bytes = 4, .srgb = true, .bgr = true, .padded = true}},
     {95, {.type = PixelType::bc6h, .channels = 3, .bytes = 16}},                     // BC6H_UF16
     {96, {.type = PixelType::bc6h, .channels = 3, .bytes = 16, .is_signed = true}},  // BC6H_SF16
+    {71, block_format(BlockCode::bc1)},                                              // BC1_UNORM
+    {72, block_format(BlockCode::bc1, BlockValues::srgb)},
+    {74, block_format(BlockCode::bc2)},
+    {75, block_format(BlockCode::bc2, BlockValues::srgb)},
+    {77, block_format(BlockCode::bc3)},
+    {78, block_format(BlockCode::bc3, BlockValues::srgb)},
+    {80, block_format(BlockCode::bc4)},
+    {81, block_format(BlockCode::bc4, BlockValues::with_sign)},  // BC4_SNORM
+    {83, block_format(BlockCode::bc5)},
+    {84, block_format(BlockCode::bc5, BlockValues::with_sign)},
+    {98, block_format(BlockCode::bc7)},
+    {99, block_format(BlockCode::bc7, BlockValues::srgb)},
 };
 
 // --- our line in the reserved words --------------------------------------------------------------------------------
@@ -139,29 +150,15 @@ std::optional<std::uint32_t> dxgi_of_d3d9(std::uint32_t code) {
   return std::nullopt;
 }
 
-const char* block_name(std::uint32_t dxgi) {
-  switch (dxgi) {
-    case 71:
-    case 72: return "bc1";
-    case 74:
-    case 75: return "bc2";
-    case 77:
-    case 78: return "bc3";
-    case 80: return "bc4";
-    case 83: return "bc5";
-    case 98:
-    case 99: return "bc7";
-    default: return nullptr;
-  }
-}
-
 // The sRGB one of the pair where there is one, since nothing else is said of the colour.
 std::uint32_t dxgi_of_code(std::uint32_t code) {
   if (code == fourcc("DXT1")) return 72;
   if (code == fourcc("DXT3")) return 75;
   if (code == fourcc("DXT5")) return 78;
   if (code == fourcc("ATI1") || code == fourcc("BC4U")) return 80;
+  if (code == fourcc("BC4S")) return 81;
   if (code == fourcc("ATI2") || code == fourcc("BC5U")) return 83;
+  if (code == fourcc("BC5S")) return 84;
   return 0;
 }
 
@@ -212,12 +209,6 @@ class DdsDecoder final : public TextureDecoder {
     const std::uint64_t read = data_offset_ + face_bytes_ * static_cast<std::uint64_t>(shape_.pictures);
     return size > read ? judge_rest(h, size - read) : Ok{};
   }
-
-  // What the image library is to decode, or nullptr.
-  const char* block_format() const { return block_name(dxgi_); }
-  bool block_is_srgb() const { return dxgi_ == 72 || dxgi_ == 75 || dxgi_ == 78 || dxgi_ == 99; }
-  const TextureShape& shape() const { return shape_; }
-  bool extended() const { return extended_; }
 
  private:
   // Bytes after the last texel.  Some engines put data of their own there; but where they are as many as further levels
@@ -305,14 +296,8 @@ class DdsDecoder final : public TextureDecoder {
       if ((h.pixel_flags & kRgb) == 0) return not_supported("a format that is neither RGB nor compressed");
       return format_of_masks(h);
     }
-    extended_ = h.extended;
-    dxgi_ = h.extended ? h.dxgi : dxgi_of_d3d9(h.code).value_or(dxgi_of_code(h.code));
-    // Blocks of 8 bytes at least: enough to see that a file is too short.
-    if (block_format()) {
-      const bool small = dxgi_ == 71 || dxgi_ == 72 || dxgi_ == 80;
-      return TexelFormat{.type = PixelType::bc6h, .channels = 3, .bytes = small ? 8 : 16};
-    }
-    if (const TexelFormat* known = format_numbered(kFormats, dxgi_)) return *known;
+    const std::uint32_t dxgi = h.extended ? h.dxgi : dxgi_of_d3d9(h.code).value_or(dxgi_of_code(h.code));
+    if (const TexelFormat* known = format_numbered(kFormats, dxgi)) return *known;
     return not_supported(h.extended ? "DXGI format " + std::to_string(h.dxgi) : "FourCC " + code_text(h.code));
   }
 
@@ -322,65 +307,7 @@ class DdsDecoder final : public TextureDecoder {
                                    surface_bytes(facts_.format, here.width, here.height));
   }
 
-  std::uint32_t dxgi_ = 0;
-  bool extended_ = false;
   std::uint64_t data_offset_ = 0, level_offset_ = 0, face_bytes_ = 0;
-};
-
-// Level 0 of BC1 to BC5 and BC7, of which the image library makes one picture: the faces below each other.
-class BlockDecoder final : public Decoder {
- public:
-  Result<Ok> open(int fd, const DecoderOptions& options, const DdsDecoder& header) {
-    const TextureShape& shape = header.shape();
-    const std::string name = header.block_format();
-    if (!shape.cube && shape.pictures > 1) return not_supported("an array of " + name);
-    if (options.level > 0 && options.level < shape.levels) {
-      return Error{ErrorCode::input, "of a DDS file of " + name + " only level 0 can be read"};
-    }
-    Result<std::unique_ptr<Decoder>> library = open_imageio("dds", fd, options);
-    // OpenImageIO 2.4.7 knows BC1 to BC3 by their FourCC alone.
-    if (!library && header.extended() && name < "bc4") return not_supported(name + " with a DX10 header");
-    if (!library) return library.error();
-    library_ = std::move(*library);
-    const FileSpec& from = library_->spec();
-    pictures_ = shape.pictures;
-    if (from.pictures.empty() || from.pictures[0].width != shape.size.width ||
-        from.pictures[0].height != shape.size.height * pictures_) {
-      return Error{ErrorCode::input, "damaged, or a DDS file of a kind that the image library cannot read"};
-    }
-    spec_ = from;
-    spec_.levels = shape.levels;
-    spec_.compression = name;
-    spec_.transfer = header.block_is_srgb() ? Transfer::srgb : Transfer::linear;
-    spec_.metadata = header.spec().metadata;
-    spec_.pictures.clear();
-    for (const PictureSpec& named : header.spec().pictures) {
-      spec_.pictures.push_back(from.pictures[0]);
-      spec_.pictures.back().name = named.name;
-      spec_.pictures.back().height = shape.size.height;
-    }
-    return Ok{};
-  }
-
-  const FileSpec& spec() const override { return spec_; }
-
-  Result<Ok> decode(int picture, void* pixels) override {
-    const PictureSpec& p = spec_.pictures[0];
-    const std::size_t bytes = static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.height) *
-                              static_cast<std::size_t>(p.channels.count()) * size_of(p.element);
-    if (all_.empty()) {
-      all_.resize(bytes * static_cast<std::size_t>(pictures_));
-      ENVCONV_CHECK(library_->decode(0, all_.data()));
-    }
-    std::memcpy(pixels, all_.data() + static_cast<std::size_t>(picture) * bytes, bytes);
-    return Ok{};
-  }
-
- private:
-  std::unique_ptr<Decoder> library_;
-  FileSpec spec_;
-  int pictures_ = 1;
-  std::vector<std::uint8_t> all_;
 };
 
 // --- writing -------------------------------------------------------------------------------------------------------
@@ -424,10 +351,7 @@ std::string header_of(const TextureShape& shape, const TexelFormat& format, cons
 Result<std::unique_ptr<Decoder>> open_dds(int fd, const DecoderOptions& options) {
   auto decoder = std::make_unique<DdsDecoder>(fd, options);
   ENVCONV_CHECK(decoder->open());
-  if (!decoder->block_format()) return std::unique_ptr<Decoder>(std::move(decoder));
-  auto blocks = std::make_unique<BlockDecoder>();
-  ENVCONV_CHECK(blocks->open(fd, options, *decoder));
-  return std::unique_ptr<Decoder>(std::move(blocks));
+  return std::unique_ptr<Decoder>(std::move(decoder));
 }
 
 Result<Ok> write_dds(OutputFile& file, std::span<const std::vector<Picture>> levels, const WriteOptions& options,

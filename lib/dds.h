@@ -17,9 +17,9 @@
 namespace envconv {
 
 /// Reads cube maps, arrays and single pictures with all their levels: what write_dds() writes, further DX10 formats of
-/// 8, 16 and 32 bits and BC6H, the older header with FourCC 36, 113 and 116 and with masks of 8 bits.  BC1 to BC5
-/// (those of no sign) and BC7 go through the image library, level 0 only: it is wrong in the others.  Eight-bit values
-/// are sRGB unless a DX10 format says that they are not or, as for BC4 and BC5, there is no format that says they are.
+/// 8, 16 and 32 bits and BC1 to BC7, the older header with FourCC 36, 113 and 116, those of BC1 to BC5, and masks of 8
+/// bits.  Eight-bit values are sRGB unless a DX10 format says that they are not or, as for BC4 and BC5, there is no
+/// format that says they are.
 Result<std::unique_ptr<Decoder>> open_dds(int fd, const DecoderOptions& options);
 
 /// Writes a cube map (six faces) or an array or, of one picture, neither, with a DX10 header.  Of the metadata, all

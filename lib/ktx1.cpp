@@ -27,6 +27,20 @@ constexpr GlFormat kFormats[] = {
     {0x1401, 1, 0x8C43, {.type = PixelType::uint8, .channels = 4, .bytes = 4, .srgb = true}},  // SRGB8_ALPHA8
     {0, 1, 0x8E8F, {.type = PixelType::bc6h, .channels = 3, .bytes = 16}},                     // BPTC_UNSIGNED_FLOAT
     {0, 1, 0x8E8E, {.type = PixelType::bc6h, .channels = 3, .bytes = 16, .is_signed = true}},  // BPTC_SIGNED_FLOAT
+    {0, 1, 0x83F0, without_alpha(block_format(BlockCode::bc1))},                               // RGB_S3TC_DXT1
+    {0, 1, 0x83F1, block_format(BlockCode::bc1)},
+    {0, 1, 0x83F2, block_format(BlockCode::bc2)},
+    {0, 1, 0x83F3, block_format(BlockCode::bc3)},
+    {0, 1, 0x8C4C, without_alpha(block_format(BlockCode::bc1, BlockValues::srgb))},
+    {0, 1, 0x8C4D, block_format(BlockCode::bc1, BlockValues::srgb)},
+    {0, 1, 0x8C4E, block_format(BlockCode::bc2, BlockValues::srgb)},
+    {0, 1, 0x8C4F, block_format(BlockCode::bc3, BlockValues::srgb)},
+    {0, 1, 0x8DBB, block_format(BlockCode::bc4)},  // RED_RGTC1
+    {0, 1, 0x8DBC, block_format(BlockCode::bc4, BlockValues::with_sign)},
+    {0, 1, 0x8DBD, block_format(BlockCode::bc5)},
+    {0, 1, 0x8DBE, block_format(BlockCode::bc5, BlockValues::with_sign)},
+    {0, 1, 0x8E8C, block_format(BlockCode::bc7)},  // RGBA_BPTC_UNORM
+    {0, 1, 0x8E8D, block_format(BlockCode::bc7, BlockValues::srgb)},
 };
 constexpr std::uint32_t kRgb = 0x1907, kRgba = 0x1908;
 
@@ -57,7 +71,7 @@ class Ktx1Decoder final : public TextureDecoder {
     if (known == std::end(kFormats)) {
       return Error{ErrorCode::input, "a KTX file of texels in OpenGL format " + std::to_string(word(4)) +
                                          ", which is not supported (RGBA16F, RGBA32F, R11F_G11F_B10F, RGB9_E5, RGBA8 "
-                                         "and BC6H are)"};
+                                         "and BC1 to BC7 are)"};
     }
     facts.format = known->format;
     facts.premultiplied = !is_integer(facts.format.type);  // the specification does not say

@@ -121,7 +121,7 @@ class Ktx2Decoder final : public TextureDecoder {
     if (!format) {
       return Error{ErrorCode::input, "a KTX2 file of texels in VkFormat " + std::to_string(word(0)) +
                                          ", which is not supported (half, float, 8- and 16-bit RGB, B10G11R11, "
-                                         "E5B9G9R9 and BC6H are)"};
+                                         "E5B9G9R9 and BC1 to BC7 are)"};
     }
     facts_.format = *format;
     if (word(1) != type_size(*format)) return damaged_texture("its type size is not that of its format");

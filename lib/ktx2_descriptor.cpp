@@ -26,12 +26,28 @@ constexpr NumberedFormat kFormats[] = {
     {123, {.type = PixelType::rgb9e5, .channels = 3, .bytes = 4}},                           // E5B9G9R9_UFLOAT_PACK32
     {143, {.type = PixelType::bc6h, .channels = 3, .bytes = 16}},                            // BC6H_UFLOAT_BLOCK
     {144, {.type = PixelType::bc6h, .channels = 3, .bytes = 16, .is_signed = true}},         // BC6H_SFLOAT_BLOCK
+    {131, without_alpha(block_format(BlockCode::bc1))},                                      // BC1_RGB_UNORM_BLOCK
+    {132, without_alpha(block_format(BlockCode::bc1, BlockValues::srgb))},
+    {133, block_format(BlockCode::bc1)},  // BC1_RGBA_UNORM_BLOCK
+    {134, block_format(BlockCode::bc1, BlockValues::srgb)},
+    {135, block_format(BlockCode::bc2)},
+    {136, block_format(BlockCode::bc2, BlockValues::srgb)},
+    {137, block_format(BlockCode::bc3)},
+    {138, block_format(BlockCode::bc3, BlockValues::srgb)},
+    {139, block_format(BlockCode::bc4)},
+    {140, block_format(BlockCode::bc4, BlockValues::with_sign)},
+    {141, block_format(BlockCode::bc5)},
+    {142, block_format(BlockCode::bc5, BlockValues::with_sign)},
+    {145, block_format(BlockCode::bc7)},
+    {146, block_format(BlockCode::bc7, BlockValues::srgb)},
 };
 
 // Names of the data format specification.
 enum : std::uint32_t {
   kModelRgbsda = 1,
+  kModelBc1 = 128,  // BC2 to BC7 follow
   kModelBc6h = 133,
+  kModelBc7 = 134,
   kTransferLinear = 1,
   kTransferSrgb = 2,
   kFlagPremultiplied = 1,
@@ -47,8 +63,32 @@ struct Sample {
   std::uint32_t offset, bits, channel, lower, upper;  // channel: with its qualifiers
 };
 
+// Of blocks: alpha apart where it is, and each channel of BC4 and BC5.
+std::vector<Sample> samples_of_blocks(const TexelFormat& format) {
+  const std::uint32_t lower = format.is_signed ? 0x80000000u : 0, upper = format.is_signed ? 0x7FFFFFFFu : 0xFFFFFFFFu,
+                      sign = format.is_signed ? std::uint32_t{kSigned} : 0;
+  const std::uint32_t of_alpha = kChannelAlpha | (format.srgb ? std::uint32_t{kLinear} : 0);
+  switch (format.code) {
+    case BlockCode::bc1: return {{0, 64, format.padded ? 0u : 1u, lower, upper}};  // 1: with alpha
+    case BlockCode::bc2:
+    case BlockCode::bc3: return {{0, 64, of_alpha, lower, upper}, {64, 64, 0, lower, upper}};
+    case BlockCode::bc4: return {{0, 64, sign, lower, upper}};
+    case BlockCode::bc5: return {{0, 64, sign, lower, upper}, {64, 64, 1 | sign, lower, upper}};
+    default: return {{0, 128, 0, lower, upper}};
+  }
+}
+
+std::uint32_t model_of(const TexelFormat& format) {
+  if (format.type == PixelType::bc6h) return kModelBc6h;
+  if (format.code == BlockCode::bc7) return kModelBc7;
+  return format.code == BlockCode::none
+             ? std::uint32_t{kModelRgbsda}
+             : kModelBc1 + static_cast<std::uint32_t>(format.code) - static_cast<std::uint32_t>(BlockCode::bc1);
+}
+
 // Floats range over [-1, 1] or, without sign, [0, 1]; integers over their codes.
 std::vector<Sample> samples_of(const TexelFormat& format) {
+  if (format.code != BlockCode::none) return samples_of_blocks(format);
   const std::uint32_t one = std::bit_cast<std::uint32_t>(1.f), minus_one = std::bit_cast<std::uint32_t>(-1.f);
   switch (format.type) {
     case PixelType::bc6h:
@@ -85,9 +125,9 @@ std::uint32_t vk_format(const TexelFormat& format) { return number_of(kFormats, 
 const TexelFormat* format_of_vk(std::uint32_t number) { return format_numbered(kFormats, number); }
 
 std::uint32_t type_size(const TexelFormat& format) {
+  if (format.block() > 1) return 1;
   switch (format.type) {
-    case PixelType::uint8:
-    case PixelType::bc6h: return 1;
+    case PixelType::uint8: return 1;
     case PixelType::half:
     case PixelType::uint16: return 2;
     default: return 4;
@@ -102,8 +142,7 @@ std::vector<std::uint32_t> make_descriptor(const TexelFormat& format, bool premu
   words.push_back(4 + block_size);
   words.push_back(0);  // Khronos, basic
   words.push_back(2u | block_size << 16);
-  words.push_back((blocks ? kModelBc6h : kModelRgbsda) | primaries << 8 |
-                  (format.srgb ? kTransferSrgb : kTransferLinear) << 16 |
+  words.push_back(model_of(format) | primaries << 8 | (format.srgb ? kTransferSrgb : kTransferLinear) << 16 |
                   (premultiplied ? kFlagPremultiplied : 0u) << 24);
   words.push_back(blocks ? 0x0303u : 0u);  // a block's size less one
   words.push_back(static_cast<std::uint32_t>(format.bytes));

@@ -302,10 +302,17 @@ std::vector<std::uint8_t> encode_surface(const Picture& picture, const TexelForm
   return bytes;
 }
 
+Channels channels_of(const TexelFormat& format) {
+  if (format.channels == 2) return {.names = {"R", "G"}};
+  return Channels::standard(format.has_alpha() ? 4 : std::min(format.channels, 3));
+}
+
 PixelType element_of(const TexelFormat& format) { return is_integer(format.type) ? format.type : PixelType::float32; }
 
 void decode_surface(const std::uint8_t* bytes, const TexelFormat& format, int width, int height, int channels,
                     void* elements) {
+  if (format.code != BlockCode::none)
+    return decode_blocks(bytes, format.code, format.is_signed, width, height, channels, elements);
   const std::size_t texels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   switch (format.type) {
     case PixelType::bc6h: decode_bc6h(bytes, width, height, format.is_signed, static_cast<float*>(elements)); break;

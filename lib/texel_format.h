@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "bc6h.h"
+#include "block_code.h"
 #include "decoder.h"
 #include "io.h"
 
@@ -34,18 +35,39 @@ float half_to_float(std::uint16_t half);
 
 /// How the texels of a surface are stored.
 struct TexelFormat {
-  /// half, float32, uint8, uint16, r11g11b10f, rgb9e5 or bc6h; in `bytes` together with `channels`.
+  /// half, float32, uint8, uint16, r11g11b10f, rgb9e5 or bc6h; in `bytes` together with `channels`.  Of blocks of
+  /// integers what they decode to, uint8 or, with a sign, float32.
   PixelType type = PixelType::half;
-  int channels = 4;        ///< stored: R G B and perhaps A
+  int channels = 4;        ///< stored: R G B and perhaps A; of bc4 and bc5 one and two
   int bytes = 8;           ///< of a texel, or of a block
   bool srgb = false;       ///< integers along sRGB's curve
   bool bgr = false;        ///< blue comes first
   bool padded = false;     ///< the last of four channels means nothing
-  bool is_signed = false;  ///< of bc6h
+  bool is_signed = false;  ///< of bc6h, bc4 and bc5
+  BlockCode code = BlockCode::none;
 
-  int block() const { return type == PixelType::bc6h ? 4 : 1; }  ///< texels on a side
+  int block() const { return type == PixelType::bc6h || code != BlockCode::none ? 4 : 1; }  ///< texels on a side
   bool has_alpha() const { return channels == 4 && !padded; }
 };
+
+/// The format of blocks of integers.
+enum class BlockValues { linear, srgb, with_sign };
+constexpr TexelFormat block_format(BlockCode code, BlockValues values = BlockValues::linear) {
+  const bool is_signed = values == BlockValues::with_sign;
+  return {.type = is_signed ? PixelType::float32 : PixelType::uint8,
+          .channels = code == BlockCode::bc4   ? 1
+                      : code == BlockCode::bc5 ? 2
+                                               : 4,
+          .bytes = code == BlockCode::bc1 || code == BlockCode::bc4 ? 8 : 16,
+          .srgb = values == BlockValues::srgb,
+          .is_signed = is_signed,
+          .code = code};
+}
+/// BC1 whose fourth channel means nothing.
+constexpr TexelFormat without_alpha(TexelFormat format) {
+  format.padded = true;
+  return format;
+}
 
 /// The format in which pictures of `type` are written: four channels where it has alpha.
 TexelFormat texel_format(PixelType type, bool srgb);
@@ -77,11 +99,14 @@ struct EncodeOptions {
 std::vector<std::uint8_t> encode_surface(const Picture& picture, const TexelFormat& format,
                                          const EncodeOptions& options, WriteReport& report);
 
+/// The names of what is stored: Y, R and G, RGB or RGBA.
+Channels channels_of(const TexelFormat& format);
+
 /// What decode_surface() delivers of a format: float32, or uint8 and uint16 as stored.
 PixelType element_of(const TexelFormat& format);
 
-/// The surface's texels as [height][width][channels] elements, the first `channels` (3 or 4) of the stored ones.
-/// `bytes` are surface_bytes() of any content.
+/// The surface's texels as [height][width][channels] elements, the first `channels` of the stored ones (3 of 4, or
+/// all). `bytes` are surface_bytes() of any content.
 void decode_surface(const std::uint8_t* bytes, const TexelFormat& format, int width, int height, int channels,
                     void* elements);
 

@@ -146,6 +146,10 @@ Result<Ok> TextureDecoder::describe(const TextureShape& shape, const TextureFact
   spec_.levels = shape.levels;
   spec_.transfer = facts.format.srgb ? Transfer::srgb : Transfer::linear;
   spec_.unassociated = !facts.premultiplied;
+  if (facts.format.code != BlockCode::none) {
+    const bool packed = !spec_.compression.empty() && spec_.compression != "none";
+    spec_.compression = name_of(facts.format.code) + (packed ? ", " + spec_.compression : "");
+  }
   const Size here = size_of_level(size, level_);
   static constexpr const char* kFaces[] = {"px", "nx", "py", "ny", "pz", "nz"};
   for (int i = 0; i < shape.pictures; ++i) {
@@ -153,7 +157,8 @@ Result<Ok> TextureDecoder::describe(const TextureShape& shape, const TextureFact
     if (shape.cube) picture.name = kFaces[i % 6];
     picture.width = here.width;
     picture.height = here.height;
-    picture.channels = Channels::standard(facts.format.has_alpha() && !facts.opaque ? 4 : 3);
+    picture.channels = channels_of(facts.format);
+    if (facts.opaque && picture.channels.alpha >= 0) picture.channels = Channels::standard(3);
     picture.type = facts.format.type;
     picture.element = element_of(facts.format);
     spec_.pictures.push_back(std::move(picture));

@@ -269,7 +269,7 @@ TEST(SeamError, OfASphereMapFallsAsTheRootOfATexel) {
   };
   for (const auto& [name, factor] : {std::pair{"sphere-map", 0.5}, {"angular-map", 0.25}}) {
     const SeamError coarse = measured(name, 256), fine = measured(name, 1024);
-    EXPECT_NEAR(fine.inside_rms / coarse.inside_rms, factor, 0.05) << name;
+    EXPECT_NEAR(fine.inside_rms / coarse.inside_rms, factor, 0.08) << name;  // of whole texels
     EXPECT_NEAR(fine.rms / coarse.rms, factor, 0.05) << name;
   }
 }

@@ -14,6 +14,7 @@ endfunction()
 
 set(tests
   analyze_test
+  block_code_test
   color_test
   container_damage_test
   container_test
@@ -72,6 +73,7 @@ envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
 
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
+add_dependencies(block_code_test envconv_imageio)
 add_dependencies(container_test envconv_imageio)
 add_dependencies(container_damage_test envconv_imageio)
 if(TARGET io_test)
