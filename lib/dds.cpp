@@ -288,6 +288,8 @@ class DdsDecoder final : public TextureDecoder {
     facts.opaque = h.alpha_mode == kAlphaOpaque;
     // Where nothing is said, floats are taken as they are: the alpha of many an environment is 0.
     facts.premultiplied = h.alpha_mode == kAlphaPremultiplied || (h.alpha_mode == 0 && !is_integer(facts.format.type));
+    if (is_integer(facts.format.type) && h.extended) spec_.color_how = "DXGI format";
+    if (facts.format.channels < 3 && !h.extended) spec_.color_how = "assumed for single channels";
     return describe(shape, facts);
   }
 

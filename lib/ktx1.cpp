@@ -99,6 +99,7 @@ class Ktx1Decoder final : public TextureDecoder {
       facts.opaque = alpha->second == "opaque";
       spec_.metadata.erase(alpha);
     }
+    if (is_integer(facts.format.type)) spec_.color_how = "internal format";
     ENVCONV_CHECK(describe(shape, facts));
     return find_level(kHeaderSize + word(12), size, word(9) == 0 && shape.cube);
   }
