@@ -83,9 +83,9 @@ struct SeamError {
 /// nearest to the point are apart; steps begin at these, or up to one step from them, and go along rows and columns,
 /// each way, by as many texels as come nearest to the length, one at least.  For most layouts that is a texel; at the
 /// rim of sphere maps, which is one direction, it is many.  Where a step ends is every texel of which the layout owns a
-/// part.  So both figures look at the same lights, one at a seam included, and without anything done at seams they are
-/// about equal.  Seams are the edges of faces, as far as the layout owns what is there, and the curves on which
-/// ownership changes inside them. `grown`: the faces with gutters of so many texels, or empty.
+/// part.  So both figures look at the same lights, one at a seam included.  Seams are the edges of faces, as far as the
+/// layout owns what is there, and the curves on which ownership changes inside them. `grown`: the faces with gutters of
+/// so many texels, or empty.
 SeamError seam_error(const EnvImage& image, const std::vector<Image>& grown = {}, int gutter = 0);
 
 }  // namespace envconv
