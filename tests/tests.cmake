@@ -22,6 +22,8 @@ set(tests
   diamond_facts_test
   discrepancy_test
   draw_test
+  io_damage_test
+  io_output_test
   io_test
   layout_facts_test
   layout_laws_test
@@ -49,6 +51,12 @@ envconv_test(simd_test LIBRARIES hwy::hwy)
 # OpenEXR reads and writes what we write and read, on every SIMD target.
 envconv_test(exr_test LIBRARIES PkgConfig::OPENEXR hwy::hwy TBB::tbb)
 
+# What OpenEXR writes, and we do not.
+envconv_test(exr_kinds_test LIBRARIES PkgConfig::OPENEXR)
+
+# Inflates what is deflated, and chooses the number of threads.
+envconv_test(tiff_png_test LIBRARIES PkgConfig::ZLIB PkgConfig::DEFLATE TBB::tbb)
+
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
@@ -73,14 +81,10 @@ envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
 
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
-add_dependencies(block_code_test envconv_imageio)
-add_dependencies(container_test envconv_imageio)
-add_dependencies(container_damage_test envconv_imageio)
-if(TARGET io_test)
-  add_dependencies(io_test envconv_imageio)  # loaded at run time
-  # They write what the library does not, inflate what it deflates, and choose the number of threads.
-  target_link_libraries(io_test PRIVATE PkgConfig::OPENEXR PkgConfig::ZLIB PkgConfig::DEFLATE TBB::tbb)
-endif()
+# The module is loaded at run time.
+foreach(test IN ITEMS block_code_test container_damage_test container_test exr_kinds_test io_damage_test io_output_test io_test tiff_png_test)
+  add_dependencies(${test} envconv_imageio)
+endforeach()
 
 # Not a test: quality and rate on analytic panoramas (ninja resample_bench).
 add_executable(resample_bench EXCLUDE_FROM_ALL tests/bench/resample_bench.cpp)
