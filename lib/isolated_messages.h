@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the processes of isolated_reader.cpp say to each other.  Internal: not installed.
+// What the processes that isolated_reader.cpp names say to each other.  Internal: not installed.
 #pragma once
 
 #include <sys/types.h>
