@@ -320,9 +320,17 @@ void to_linear(const void* elements, const PictureSpec& picture, const FileSpec&
     for (int i = 0; i <= top; ++i) table.push_back(static_cast<float>(curve(static_cast<double>(i) / top)));
   }
   const bool curved = spec.transfer != Transfer::linear;
+  const std::size_t values = static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(channels);
+  const auto look_up = [&](const auto* from, float* to) {
+    for (std::size_t i = 0; i < values; ++i) to[i] = table[from[i]];
+  };
   tbb::parallel_for(0, rows.count, [&](int row) {
-    const std::size_t begin =
-        static_cast<std::size_t>(row) * static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(channels);
+    const std::size_t begin = static_cast<std::size_t>(row) * values;
+    if (!table.empty() && alpha < 0 && spec.orientation == 1) {
+      float* const to = image.row(rows.first + row);
+      if (picture.element == PixelType::uint8) return look_up(static_cast<const std::uint8_t*>(elements) + begin, to);
+      return look_up(static_cast<const std::uint16_t*>(elements) + begin, to);
+    }
     std::vector<float> value(static_cast<std::size_t>(channels));
     for (int column = 0; column < picture.width; ++column) {
       const std::size_t at = begin + static_cast<std::size_t>(column) * static_cast<std::size_t>(channels);

@@ -169,6 +169,7 @@ Result<Ok> check_channels(const std::string& path, const Format& format, int cha
 // the answer is that of the formula in double precision, at the price of a few comparisons.
 class SrgbEncoder {
  public:
+  // A range of floats, in which the code is guessed, has `shift` bits.
   explicit SrgbEncoder(int top, int shift) : top_(top), shift_(shift), changes_(static_cast<std::size_t>(top) + 1) {
     for (int code = 0; code < top; ++code) {
       changes_[static_cast<std::size_t>(code)] = static_cast<float>(srgb_to_linear((code + 0.5) / top));
@@ -176,18 +177,23 @@ class SrgbEncoder {
     changes_[static_cast<std::size_t>(top)] = 2;  // a sentinel
     const std::uint32_t last = std::bit_cast<std::uint32_t>(1.f) >> shift_;
     first_ = std::bit_cast<std::uint32_t>(kSmall) >> shift_;
-    for (std::uint32_t bin = first_; bin <= last; ++bin) {
+    for (std::uint32_t bin = first_; bin <= last + 1; ++bin) {
       const float value = std::bit_cast<float>(bin << shift_);
       starts_.push_back(
           static_cast<std::uint16_t>(std::upper_bound(changes_.begin(), changes_.end(), value) - changes_.begin()));
     }
   }
   int operator()(float v) const {
-    if (v < kSmall) return static_cast<int>(std::rint(v * 12.92f * static_cast<float>(top_)));
-    std::size_t code = starts_[(std::bit_cast<std::uint32_t>(v) >> shift_) - first_];
+    if (v < kSmall) return nearest(v * 12.92f * static_cast<float>(top_));
+    const std::uint32_t bits = std::bit_cast<std::uint32_t>(v), bin = (bits >> shift_) - first_;
+    const std::uint32_t codes = starts_[bin + 1] - std::uint32_t{starts_[bin]};
+    std::size_t code = starts_[bin] + ((bits & ((1u << shift_) - 1)) * codes >> shift_);
     while (v >= changes_[code]) ++code;
+    while (code > 0 && v < changes_[code - 1]) --code;
     return static_cast<int>(code);
   }
+  // As std::rint(), of which there is no instruction everywhere.
+  static int nearest(float v) { return static_cast<int>(std::lrint(v)); }
 
  private:
   static constexpr float kSmall = 0x1p-13f;
@@ -198,7 +204,7 @@ class SrgbEncoder {
 };
 
 const SrgbEncoder& srgb_encoder(PixelType type) {
-  static const SrgbEncoder eight(255, 16);
+  static const SrgbEncoder eight(255, 13);  // mostly one code a range
   if (type == PixelType::uint8) return eight;
   static const SrgbEncoder sixteen(65535, 11);
   return sixteen;
@@ -218,11 +224,11 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
   const double beyond = (static_cast<double>(top) + 0.5) / static_cast<double>(top);
   const float too_high = static_cast<float>(as_is ? beyond : srgb_to_linear(beyond));
   const float too_low = -0.5f / (as_is ? 1.f : 12.92f) / top;
+  const std::size_t values = static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(channels);
   std::atomic<std::int64_t> high{0}, negative{0}, nonfinite{0};
   tbb::parallel_for(0, image.height(), [&](int y) {
     const float* from = image.row(y);
-    std::size_t at =
-        static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width()) * static_cast<std::size_t>(channels);
+    const std::size_t at = static_cast<std::size_t>(y) * values;
     std::int64_t above = 0, below = 0, odd = 0;
     const auto clamped = [&](float v) {
       if (std::isnan(v)) return ++odd, 0.f;
@@ -237,23 +243,25 @@ std::unique_ptr<void, FreeBytes> to_elements(const Picture& picture, PixelType t
       }
       return v > 0 ? 1.f : 0.f;
     };
-    for (int x = 0; x < image.width(); ++x, from += channels) {
-      const float a = alpha >= 0 ? from[alpha] : 1.f;
-      for (int c = 0; c < channels; ++c, ++at) {
-        int code;
-        if (c == alpha) {
-          code = static_cast<int>(std::rint(clamped(a) * top));
-        } else {
+    const auto coded = [&](float v) { return as_is ? SrgbEncoder::nearest(clamped(v) * top) : encoder(clamped(v)); };
+    const auto encode_row = [&]<class Element>(Element* to) {
+      if (alpha < 0) {
+        for (std::size_t i = 0; i < values; ++i) to[i] = static_cast<Element>(coded(from[i]));
+        return;
+      }
+      for (int x = 0; x < image.width(); ++x, from += channels, to += channels) {
+        const float a = from[alpha];
+        for (int c = 0; c < channels; ++c) {
           // Integer formats keep colour apart from alpha; under no cover at all there is none.
-          const float v = alpha < 0 ? from[c] : a > 0 ? from[c] / a : a == 0 ? 0.f : from[c];
-          code = as_is ? static_cast<int>(std::rint(clamped(v) * top)) : encoder(clamped(v));
-        }
-        if (type == PixelType::uint8) {
-          static_cast<std::uint8_t*>(elements.get())[at] = static_cast<std::uint8_t>(code);
-        } else {
-          static_cast<std::uint16_t*>(elements.get())[at] = static_cast<std::uint16_t>(code);
+          const float v = a > 0 ? from[c] / a : a == 0 ? 0.f : from[c];
+          to[c] = static_cast<Element>(c == alpha ? SrgbEncoder::nearest(clamped(a) * top) : coded(v));
         }
       }
+    };
+    if (type == PixelType::uint8) {
+      encode_row(static_cast<std::uint8_t*>(elements.get()) + at);
+    } else {
+      encode_row(static_cast<std::uint16_t*>(elements.get()) + at);
     }
     high += above;
     negative += below;
