@@ -19,6 +19,7 @@
 #include "imageio_loader.h"
 #include "imageio_write.h"
 #include "io_shared.h"
+#include "jpeg_write.h"
 #include "ktx.h"
 #include "png_write.h"
 #include "tiff_write.h"
@@ -35,7 +36,7 @@ namespace {
 
 // --- formats that can be written -----------------------------------------------------------------------------------
 
-constexpr int usual_png_level = 6;
+constexpr int usual_png_level = 6, usual_jpeg_quality = 98;
 constexpr std::string_view level_hint = "write one file a level, with {mip} in its name, or .exr, .tif, .dds or .ktx2";
 
 struct Format {
@@ -114,7 +115,7 @@ Result<PixelType> type_for(const std::string& path, const Format& format, const 
   return format.types.front();
 }
 
-// The image library's text for a compression that the format has.
+// The text for a compression that the format has, the image library's where that writes it.
 Result<std::string> compression_for(const std::string& path, const Format& format, PixelType type,
                                     const std::string& asked) {
   if (is_texture_file(format.name)) {
@@ -137,7 +138,7 @@ Result<std::string> compression_for(const std::string& path, const Format& forma
   const bool is_number = parsed.ec == std::errc() && parsed.ptr == text.data() + text.size();
   const std::string_view known = format.compressions;
   if (is_number && known.substr(0, 5) == "1-100" && number >= 1 && number <= 100) {
-    return std::string(format.name) + ":" + text;
+    return format.name == std::string_view("jpeg") ? text : std::string(format.name) + ":" + text;
   }
   if (is_number && known == "0-9" && number >= 0 && number <= 9) return text;
   for (std::size_t at = 0; at < known.size();) {
@@ -451,6 +452,9 @@ Result<WriteReport> write_file(const std::string& path, std::span<const std::vec
                      report);
   } else if (std::string_view(format->name) == "tiff") {
     done = write_tiff(file, levels, compression, options, report);
+  } else if (std::string_view(format->name) == "jpeg") {
+    done = write_jpeg(file, pictures.front(), compression.empty() ? usual_jpeg_quality : std::stoi(compression),
+                      options, report);
   } else {
     done = write_imageio(file, pictures.front(), {format->name, format->extension, format->attribute, compression},
                          options, report);

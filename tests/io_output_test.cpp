@@ -44,6 +44,26 @@ TEST_F(IoOutput, AFormatThatCannotHoldItIsRefusedBeforeAnythingIsWritten) {
   EXPECT_EQ(files_in(folder()), 0);
 }
 
+// A side has 16 bits there, and so has the size of what holds metadata.
+TEST_F(IoOutput, JpegHasLimits) {
+  const auto wide = write_pictures(path("wide.jpg"), one(make(65501, 1, 3)), {});
+  ASSERT_FALSE(wide.ok());
+  EXPECT_EQ(wide.error().code, ErrorCode::unsupported);
+  EXPECT_NE(wide.error().message.find("65500"), std::string::npos) << wide.error().message;
+  EXPECT_EQ(files_in(folder()), 0);
+  ASSERT_TRUE(write_pictures(path("wide.jpg"), one(make(65500, 1, 3)), {}).ok());
+  for (const std::size_t length : {60000, 66000}) {
+    WriteOptions write;
+    write.metadata = {{"envconv:layout", "cube"}, {"envconv:note", std::string(length, 'x')}};
+    const auto report = write_pictures(path("long.jpg"), one(make(16, 16, 3)), write);
+    ASSERT_TRUE(report.ok()) << report.error().message;
+    EXPECT_EQ(report->warnings.empty(), length < 65000);
+    const auto file = read_pictures(path("long.jpg"), {});
+    ASSERT_TRUE(file.ok()) << file.error().message;
+    EXPECT_EQ(file->metadata.contains("envconv:layout"), length < 65000);
+  }
+}
+
 TEST_F(IoOutput, OutputsThatAreNotFiles) {
   ASSERT_EQ(::mkfifo(path("fifo.exr").c_str(), 0600), 0);
   fs::create_directory(path("dir.exr"));

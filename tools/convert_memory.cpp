@@ -132,9 +132,10 @@ class Stages {
     return path.ends_with(".exr") || path.ends_with(".hdr") || path.ends_with(".pfm");
   }
 
-  // Of what writes it: the image library, or buffers for PNG and TIFF, one more than there are threads.
+  // Of what writes it: the image library, or buffers for PNG and TIFF, one more than there are threads, and for JPEG.
   std::size_t encoder(std::string_view path, std::size_t encoded) const {
-    const bool ours = path.ends_with(".png") || path.ends_with(".tif") || path.ends_with(".tiff");
+    const bool ours = path.ends_with(".png") || path.ends_with(".tif") || path.ends_with(".tiff") ||
+                      path.ends_with(".jpg") || path.ends_with(".jpeg");
     return ours ? std::min(2 * encoded, (1 + thread_count(o_.threads)) * 4 * MiB) : image_library;
   }
 

@@ -3,7 +3,7 @@
 set -eu
 
 build="g++ cmake ninja-build pkg-config libopenimageio-dev libopenexr-dev libopencolorio-dev libcli11-dev libtbb-dev
-       libhwy-dev nlohmann-json3-dev libzstd-dev libdeflate-dev zlib1g-dev libtiff-dev"
+       libhwy-dev nlohmann-json3-dev libzstd-dev libdeflate-dev zlib1g-dev libtiff-dev libjpeg-dev"
 # Other people's readers and writers, a browser for reports, and the shells whose completions are tried out.
 test="libgtest-dev openexr openimageio-tools ffmpeg libchealpix-dev chromium python3 man-db zsh fish locales python3-pil
       libegl-dev libgl-dev libgl1-mesa-dri libnvtt-bin zstd libepoxy-dev libegl1 libdevil-dev
