@@ -82,7 +82,8 @@ envconv_test(gl_oracle_test LABELS oracle LIBRARIES PkgConfig::EPOXY)
 include(tests/cli.cmake)
 include(tests/fuzz.cmake)
 # The module is loaded at run time.
-foreach(test IN ITEMS block_code_test container_damage_test container_test exr_kinds_test io_damage_test io_output_test io_test tiff_png_test)
+foreach(test IN ITEMS block_code_test container_damage_test container_test exr_kinds_test io_damage_test io_output_test
+        io_test tiff_png_test)
   add_dependencies(${test} envconv_imageio)
 endforeach()
 
