@@ -32,11 +32,13 @@ struct Child {
   int socket;
 };
 
-[[noreturn]] void run_zygote(int control) {
+constexpr int kControl = 3;  // the zygote's end of the socket to those who ask
+
+// A process of its own: closed files, a name, signals as they were.  A descriptor that tells of children that ended.
+int begin_zygote(int control) {
   // Nothing of the caller's stays open: a pipe's reader waits for its last writer.
   const int null = ::open("/dev/null", O_RDWR);
   for (int fd = 0; fd < 3; ++fd) ::dup2(null, fd);
-  constexpr int kControl = 3;
   if (control != kControl) ::dup2(control, kControl);
   if (::syscall(SYS_close_range, kControl + 1, ~0u, 0) != 0) {
     for (int fd = kControl + 1; fd < 65536; ++fd) ::close(fd);
@@ -53,7 +55,68 @@ struct Child {
   ::sigprocmask(SIG_BLOCK, &set, nullptr);
   const int signals = ::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
   if (signals < 0) ::_exit(1);
+  return signals;
+}
 
+// Tells the callers of children that ended how they did.
+void reap(std::vector<Child>& children) {
+  int status = 0;
+  for (pid_t pid; (pid = ::waitpid(-1, &status, WNOHANG)) > 0;) {
+    const auto child = std::find_if(children.begin(), children.end(), [&](const Child& c) { return c.pid == pid; });
+    if (child == children.end()) continue;
+    MessageWriter death(MessageKind::death);
+    death.number(WIFSIGNALED(status) ? WTERMSIG(status) : 0);
+    send_message(child->socket, death.bytes());
+    ::close(child->socket);
+    children.erase(child);
+  }
+}
+
+// Forks a child for the next request; ends when nobody will ask any more.
+void serve(std::vector<Child>& children, int signals) {
+  std::string bytes;
+  std::vector<int> fds;
+  if (!receive_message(kControl, bytes, fds)) {
+    for (const Child& child : children) ::kill(child.pid, SIGKILL);
+    ::_exit(0);
+  }
+  MessageReader request(std::move(bytes));
+  const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
+  const std::string format = request.text(64);
+  DecoderOptions options;
+  options.max_pixels = request.number(0, INT64_MAX);
+  options.threads = static_cast<int>(request.number(1, 1024));
+  options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
+  const std::string hook = request.text(64);
+  if (kind != MessageKind::request || !request.good() || fds.size() != 2) {
+    for (const int fd : fds) ::close(fd);
+    return;
+  }
+  if (hook == "zygote") ::_exit(1);
+  if (needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    ::prctl(PR_SET_DUMPABLE, 0);
+    ::close(kControl);
+    ::close(signals);
+    for (const Child& child : children) ::close(child.socket);
+    sigset_t none;
+    sigemptyset(&none);
+    ::sigprocmask(SIG_SETMASK, &none, nullptr);
+    run_child(fds[1], fds[0], format, options, hook);
+  }
+  ::close(fds[0]);
+  if (pid < 0) {
+    send_message(fds[1], failure({ErrorCode::limit, "no process to decode it in"}).bytes());
+    ::close(fds[1]);
+  } else {
+    children.push_back({pid, fds[1]});
+  }
+}
+
+[[noreturn]] void run_zygote(int control) {
+  const int signals = begin_zygote(control);
   std::vector<Child> children;
   for (;;) {
     std::vector<pollfd> polled{{kControl, POLLIN, 0}, {signals, POLLIN, 0}};
@@ -67,56 +130,8 @@ struct Child {
       while (::read(signals, &info, sizeof info) > 0) {
       }
     }
-    int status = 0;
-    for (pid_t pid; (pid = ::waitpid(-1, &status, WNOHANG)) > 0;) {
-      const auto child = std::find_if(children.begin(), children.end(), [&](const Child& c) { return c.pid == pid; });
-      if (child == children.end()) continue;
-      MessageWriter death(MessageKind::death);
-      death.number(WIFSIGNALED(status) ? WTERMSIG(status) : 0);
-      send_message(child->socket, death.bytes());
-      ::close(child->socket);
-      children.erase(child);
-    }
-    if (!(polled[0].revents & (POLLIN | POLLHUP))) continue;
-    std::string bytes;
-    std::vector<int> fds;
-    if (!receive_message(kControl, bytes, fds)) {
-      for (const Child& child : children) ::kill(child.pid, SIGKILL);
-      ::_exit(0);
-    }
-    MessageReader request(std::move(bytes));
-    const auto kind = static_cast<MessageKind>(request.number(0, kMessageKinds - 1));
-    const std::string format = request.text(64);
-    DecoderOptions options;
-    options.max_pixels = request.number(0, INT64_MAX);
-    options.threads = static_cast<int>(request.number(1, 1024));
-    options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
-    const std::string hook = request.text(64);
-    if (kind != MessageKind::request || !request.good() || fds.size() != 2) {
-      for (const int fd : fds) ::close(fd);
-      continue;
-    }
-    if (hook == "zygote") ::_exit(1);
-    if (needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
-    const pid_t pid = ::fork();
-    if (pid == 0) {
-      ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-      ::prctl(PR_SET_DUMPABLE, 0);
-      ::close(kControl);
-      ::close(signals);
-      for (const Child& child : children) ::close(child.socket);
-      sigset_t none;
-      sigemptyset(&none);
-      ::sigprocmask(SIG_SETMASK, &none, nullptr);
-      run_child(fds[1], fds[0], format, options, hook);
-    }
-    ::close(fds[0]);
-    if (pid < 0) {
-      send_message(fds[1], failure({ErrorCode::limit, "no process to decode it in"}).bytes());
-      ::close(fds[1]);
-    } else {
-      children.push_back({pid, fds[1]});
-    }
+    reap(children);
+    if (polled[0].revents & (POLLIN | POLLHUP)) serve(children, signals);
   }
 }
 
