@@ -11,7 +11,7 @@ log=$root/build/run.log
   if [ ! -f "$root/build/build.ninja" ]; then
     cmake -S "$root" -B "$root/build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF
   fi
-  cmake --build "$root/build" --target envconv_tool
+  cmake --build "$root/build" --target envconv
 } >"$log" 2>&1 || {
   cat "$log" >&2
   exit 70

@@ -38,6 +38,7 @@ add_executable(envconv
   tools/svg.cpp
   tools/text.cpp
   ${command_sources})
+add_dependencies(envconv envconv_imageio)  # loaded at run time
 set_target_properties(envconv PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
 target_link_libraries(envconv PRIVATE libenvconv CLI11::CLI11 nlohmann_json::nlohmann_json hwy::hwy TBB::tbb ZLIB::ZLIB)
 set_source_files_properties(tools/envconv.cpp tools/generate.cpp PROPERTIES COMPILE_DEFINITIONS
