@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A conversion from file to file beside oiiotool, which reads the same file and writes as many texels without resampling.
 
-    ENVCONV=build/envconv python3 tests/bench/end_to_end_bench.py [OPTION...] [FORMAT...]
+    ENVCONV=build/envconv python3 tests/bench/end_to_end_bench.py [FORMAT...] [OPTION...]
 
 Prints a table: for each pair of sizes and format the medians of alternating runs.  `oiiotool IN --cut WxH -o OUT` cuts
 what it writes out of what it reads; where the output has more texels, out of copies of the input side by side
