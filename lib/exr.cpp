@@ -195,6 +195,7 @@ class ExrDecoder final : public Decoder {
 
   Result<Ok> open(const DecoderOptions& options) {
     threads_ = options.threads;
+    if (holds_deep_data(fd_)) return bad_input("deep images are not environment maps");
     ENVCONV_TRY(tables_, find_offset_tables(fd_, size_));
     try {
       file_ = std::make_unique<Imf::MultiPartInputFile>(stream_, threads_, false);
@@ -312,13 +313,14 @@ class ExrDecoder final : public Decoder {
 
   static PartChunks chunks_of_part(const Imf::Header& header) {
     const Window data(header.dataWindow());
+    const bool opaque = !chunks_are_ours(header.compression());
     if (!header.hasTileDescription()) {
       const std::int64_t lines = chunk_lines(header.compression());
-      return {static_cast<std::uint64_t>((data.height() + lines - 1) / lines), false};
+      return {static_cast<std::uint64_t>((data.height() + lines - 1) / lines), false, opaque};
     }
     const Imf::TileDescription& tiles = header.tileDescription();
     const bool apart = tiles.mode == Imf::RIPMAP_LEVELS;
-    PartChunks part{0, true};
+    PartChunks part{0, true, opaque};
     const auto add = [&](int x, int y) {
       const BlockGrid grid{reduced(data.width(), x, tiles.roundingMode), reduced(data.height(), y, tiles.roundingMode),
                            tiles.xSize, tiles.ySize};
@@ -410,6 +412,10 @@ class ExrDecoder final : public Decoder {
     const bool ours = header.find("envconv:layout") != header.end();
     const bool contains =
         data.x0 <= display.x0 && data.y0 <= display.y0 && data.x1 >= display.x1 && data.y1 >= display.y1;
+    if (same_size && !contains && !(ours && file_->parts() > 1)) {
+      spec_.warnings.push_back("the data window (" + data.text() + ") is beside the display window (" + display.text() +
+                               "): its pixels are taken for all of the picture");
+    }
     // The parts of a file must share one display window, so faces of several sizes do not fill theirs.
     if (!same_size && !(ours && file_->parts() > 1)) {
       if (!contains || display.width() < 1 || display.height() < 1) {

@@ -73,6 +73,12 @@ class Cursor {
 
 constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the version
 
+// In the second byte of the version.
+bool has_flag(int fd, int flag) {
+  std::uint8_t version[4] = {};
+  return read_at(fd, 4, version).ok() && (version[1] & flag) != 0;
+}
+
 // Bytes before a chunk's pixels, of which the last four are their size.
 std::size_t head_size(bool multi_part, bool tiled) { return (multi_part ? 4u : 0u) + (tiled ? 20u : 8u); }
 
@@ -217,11 +223,9 @@ std::uint64_t ChunkGrid::largest_chunk() const {
   return texels * bytes_of_texel(*this);
 }
 
-bool is_multi_part(int fd) {
-  std::uint8_t version[4] = {};
-  constexpr int kMultiPart = 0x10;  // in the second byte
-  return read_at(fd, 4, version).ok() && (version[1] & kMultiPart) != 0;
-}
+bool is_multi_part(int fd) { return has_flag(fd, 0x10); }
+
+bool holds_deep_data(int fd) { return has_flag(fd, 0x08); }
 
 Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
   const bool several = is_multi_part(fd);
@@ -247,6 +251,16 @@ Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, s
   std::vector<std::uint64_t> offsets;
   std::uint64_t last = 0;
   bool last_tiled = false;
+  const bool several = is_multi_part(fd);
+  const auto check_size = [&](std::uint64_t offset, bool tiled) -> Result<Ok> {
+    std::uint8_t head[24];
+    const std::size_t count = head_size(several, tiled);
+    ENVCONV_CHECK(read_at(fd, offset, std::span(head).first(count)));
+    const std::int32_t size = int_at(head + count - 4);
+    if (size <= 0) return damaged_file("a chunk of no size");
+    if (static_cast<std::uint64_t>(size) > file_size - offset - count) return damaged_file("unexpected end of file");
+    return Ok{};
+  };
   for (const PartChunks& part : parts) {
     for (std::uint64_t left = part.count; left > 0; left -= offsets.size()) {
       offsets.resize(static_cast<std::size_t>(std::min(left, most)));
@@ -255,19 +269,14 @@ Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, s
       for (const std::uint64_t offset : offsets) {
         if (offset == 0) return damaged_file("it was never finished");
         if (offset < kFirstHeader || offset >= file_size) return damaged_file("a chunk outside of the file");
+        if (part.opaque) ENVCONV_CHECK(check_size(offset, part.tiled));
         if (offset > last) last = offset, last_tiled = part.tiled;
       }
     }
   }
   if (last == 0) return damaged_file("it has no pixels");
   // What comes after the one chunk would have been cut off first.
-  std::uint8_t head[24];
-  const std::size_t count = head_size(is_multi_part(fd), last_tiled);
-  ENVCONV_CHECK(read_at(fd, last, std::span(head).first(count)));
-  const std::int32_t size = int_at(head + count - 4);
-  if (size < 0 || static_cast<std::uint64_t>(size) > file_size - last - count)
-    return damaged_file("unexpected end of file");
-  return Ok{};
+  return check_size(last, last_tiled);
 }
 
 Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads) {

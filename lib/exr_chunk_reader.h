@@ -50,10 +50,14 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size);
 /// True when the file is of the kind whose chunks have part numbers.
 bool is_multi_part(int fd);
 
+/// True when the file says that some of its parts are deep.
+bool holds_deep_data(int fd);
+
 /// The chunks of all levels of a part, as far as is needed to tell whether they are there.
 struct PartChunks {
   std::uint64_t count = 0;
   bool tiled = false;
+  bool opaque = false;  ///< OpenEXR unpacks them, and takes those of no size for pixels
 };
 
 /// Error: input, unless all chunks of all parts are in the file, from the offset tables that begin at `tables`: the

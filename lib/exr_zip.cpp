@@ -22,8 +22,10 @@ bool ZipCodec::unpack(std::span<const std::uint8_t> packed, std::span<std::uint8
   if (!decompressor_) throw std::bad_alloc();
   split_.resize(chunk.size());
   // Without a place for the size made, fewer bytes are an error.
-  if (libdeflate_zlib_decompress(decompressor_.get(), packed.data(), packed.size(), split_.data(), split_.size(),
-                                 nullptr) != LIBDEFLATE_SUCCESS) {
+  std::size_t taken = 0;
+  if (libdeflate_zlib_decompress_ex(decompressor_.get(), packed.data(), packed.size(), split_.data(), split_.size(),
+                                    &taken, nullptr) != LIBDEFLATE_SUCCESS ||
+      taken != packed.size()) {
     return false;
   }
   join_bytes(split_.data(), split_.size(), chunk.data());

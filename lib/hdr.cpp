@@ -142,6 +142,7 @@ class HdrDecoder final : public Decoder {
       rest.remove_prefix(2);
       if (!parse(rest, size[k])) return bad_input("truncated or damaged: no resolution");
     }
+    if (rest.find_first_not_of(' ') != std::string_view::npos) return bad_input("truncated or damaged: no resolution");
     const std::string form{sign[0], axis[0], sign[1], axis[1]};
     // What the first stored row and the first stored column show, as Exif numbers it.
     const std::pair<const char*, int> forms[] = {{"-Y+X", 1}, {"-Y-X", 2}, {"+Y-X", 3}, {"+Y+X", 4},
@@ -176,7 +177,7 @@ class HdrDecoder final : public Decoder {
     auto* to = static_cast<float*>(pixels);
     const std::array<float, 256>& weight = weights();
     const bool plain = exposure_[0] == 1 && exposure_[1] == 1 && exposure_[2] == 1;
-    for (int y = 0; y < count; ++y) {
+    for (int y = 0; y < count; ++y, ++rows_) {
       if (!get_row(row, width)) return ended();
       for (std::size_t x = 0; x < width; ++x, to += 3) {
         const unsigned char* p = row.data() + 4 * x;
@@ -187,6 +188,9 @@ class HdrDecoder final : public Decoder {
         }
       }
     }
+    // Some bytes behind the picture do no harm; a row more tells that the rows are not what they should be.
+    if (rows_ == spec_.pictures[0].height && get_row(row, width))
+      return bad_input("truncated or damaged: it goes on behind its last row");
     return Ok{};
   }
 
@@ -257,6 +261,7 @@ class HdrDecoder final : public Decoder {
 
   Bytes bytes_;
   FileSpec spec_;
+  int rows_ = 0;  // delivered
   double exposure_[3] = {1, 1, 1};
 };
 

@@ -19,6 +19,8 @@
 
 #include "bmp_rle.h"
 #include "decoder.h"
+#include "jpeg_damage.h"
+#include "pnm_damage.h"
 #include "tiff_bounds.h"
 
 namespace {
@@ -96,7 +98,8 @@ class OpenFile {
 };
 
 struct Input {
-  explicit Input(int fd) : file(fd) {}
+  explicit Input(int descriptor) : fd(descriptor), file(descriptor) {}
+  int fd;
   OpenFile file;                       // outlives its reader
   std::vector<std::uint8_t> unpacked;  // likewise; what is read instead
   std::unique_ptr<oiio::Filesystem::IOMemReader> memory;
@@ -268,6 +271,12 @@ bool read_rows(const Input& input, char* pixels) {
   return true;
 }
 
+// What the image library would pass over.
+std::string damage_of(const Input& input) {
+  const std::string_view format = input.in->format_name();
+  return format == "jpeg" ? envconv::damage_of_jpeg(input.fd) : format == "pnm" ? envconv::damage_of_pnm(input.fd) : "";
+}
+
 int read_file(void* handle, void* pixels, std::size_t bytes, char* error, std::size_t size) {
   try {
     Input& input = *static_cast<Input*>(handle);
@@ -276,6 +285,10 @@ int read_file(void* handle, void* pixels, std::size_t bytes, char* error, std::s
                              static_cast<std::size_t>(spec.nchannels) * envconv::size_of(input.type.element);
     if (bytes != need) {
       say(error, size, "the picture changed its size");
+      return 0;
+    }
+    if (const std::string damage = damage_of(input); !damage.empty()) {
+      say(error, size, damage);
       return 0;
     }
     const bool read = wants_rows(input)

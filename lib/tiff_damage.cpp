@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <memory>
 #include <new>
+#include <string>
 #include <vector>
 
 #include "file_bytes.h"
@@ -18,7 +20,8 @@ namespace envconv {
 namespace {
 
 constexpr int most_pictures = 64;
-constexpr std::uint64_t header = 8;  // bytes; BigTIFF's has more
+constexpr std::uint64_t header = 8;                           // bytes; BigTIFF's has more
+constexpr std::uint64_t shortest_directory = 2 + 8 * 12 + 4;  // bytes; of the fields that a picture must have
 
 // What libtiff reads from.  Its position is its own: other readers of the descriptor have theirs.
 struct Bytes {
@@ -56,10 +59,42 @@ class Checker {
  public:
   explicit Checker(TIFF* tiff, const Bytes& bytes) : tiff_(tiff), bytes_(bytes) {}
 
+  // Whether what the fields say of the samples goes together.
+  Result<Ok> samples() const {
+    std::uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK;
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLESPERPIXEL, &samples);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_BITSPERSAMPLE, &bits);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SAMPLEFORMAT, &format);
+    if (format == SAMPLEFORMAT_IEEEFP && bits < 16)
+      return damaged_file("floating point of " + std::to_string(bits) + " bits");
+    if (!TIFFGetField(tiff_, TIFFTAG_PHOTOMETRIC, &photometric)) return Ok{};
+    int least = 0;
+    switch (photometric) {
+      case PHOTOMETRIC_MINISWHITE:
+      case PHOTOMETRIC_MINISBLACK:
+      case PHOTOMETRIC_PALETTE:
+      case PHOTOMETRIC_LOGL: least = 1; break;
+      case PHOTOMETRIC_RGB:
+      case PHOTOMETRIC_YCBCR:
+      case PHOTOMETRIC_CIELAB:
+      case PHOTOMETRIC_ICCLAB:
+      case PHOTOMETRIC_ITULAB:
+      case PHOTOMETRIC_LOGLUV: least = 3; break;
+      case PHOTOMETRIC_SEPARATED: least = 4; break;
+      default: return damaged_file("its colours are of unknown kind " + std::to_string(photometric));
+    }
+    if (samples < least) return damaged_file("it has fewer channels than its kind of colours");
+    return Ok{};
+  }
+
   Result<Ok> extents() const {
     const std::uint32_t count = blocks();
+    const std::uint64_t directory = TIFFCurrentDirOffset(tiff_);
     for (std::uint32_t i = 0; i < count; ++i) {
       const Extent extent = extent_of(i);
+      const bool before = extent.offset <= directory;
+      if (before ? directory - extent.offset < extent.size : extent.offset - directory < shortest_directory)
+        return damaged_file(name_of(i) + " lies where the directory is");
       if (extent.offset > bytes_.size || extent.size > bytes_.size - extent.offset)
         return damaged_file(name_of(i) + " lies behind the end of the file");
       if (extent.offset < header && extent.size > 0) return damaged_file(name_of(i) + " lies in the file's header");
@@ -110,7 +145,16 @@ Result<Ok> check_tiff(int fd, int picture) {
   ENVCONV_TRY(const std::uint64_t file_size, size_of_file(fd));
   Bytes bytes{fd, file_size};
   std::string message;
+  bool guessed = false;
   const auto options = tiff_messages_to(message);
+  // libtiff takes the sizes of strips from the picture's where those in the file cannot be.
+  TIFFOpenOptionsSetWarningHandlerExtR(
+      options.get(),
+      [](TIFF*, void* to, const char*, const char* format, va_list) {
+        if (std::strncmp(format, "Bogus ", 6) == 0) *static_cast<bool*>(to) = true;
+        return 1;
+      },
+      &guessed);
   const std::unique_ptr<TIFF, void (*)(TIFF*)> tiff(
       TIFFClientOpenExt("the file", "rm", &bytes, read_bytes, write_nothing, seek, close, size, nullptr, nullptr,
                         options.get()),
@@ -119,8 +163,12 @@ Result<Ok> check_tiff(int fd, int picture) {
   if (!tiff) return told();
   Checker checker(tiff.get(), bytes);
   for (int i = 0; i < most_pictures; ++i) {
+    if (guessed) return damaged_file("sizes of strips that cannot be");
     ENVCONV_CHECK(checker.extents());
-    if (i == picture) ENVCONV_CHECK(checker.checksums());
+    if (i == picture) {
+      ENVCONV_CHECK(checker.samples());
+      ENVCONV_CHECK(checker.checksums());
+    }
     if (TIFFLastDirectory(tiff.get())) return Ok{};
     if (!TIFFReadDirectory(tiff.get())) return told();
   }

@@ -108,8 +108,11 @@ bool is_up_to_date(const ConvertPlan& plan, const Job& job) {
 
 Result<Ok> treat_nonfinite(const ConvertPlan& plan, const Job& job, EnvImage& image,
                            std::vector<std::string>& warnings) {
-  std::int64_t count = 0;
-  for (const Image& face : image.faces) count += count_nonfinite(face);
+  std::int64_t count = 0, values = 0;
+  for (const Image& face : image.faces) {
+    count += count_nonfinite(face);
+    values += std::int64_t{face.width()} * face.height() * face.channels();
+  }
   if (count == 0) return Ok{};
   const std::string what = counted(count) + " NaN or infinite";
   std::string done;
@@ -125,6 +128,8 @@ Result<Ok> treat_nonfinite(const ConvertPlan& plan, const Job& job, EnvImage& im
       done = "clamped";
       break;
     case Nonfinite::repair:
+      if (count == values)
+        return Error{ErrorCode::input, job.input.name + ": has no finite value (--nonfinite zero or clamp goes on)"};
       for (Image& face : image.faces) repair_nonfinite(face);
       done = "replaced by the mean of the neighbours";
       break;

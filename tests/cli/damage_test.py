@@ -159,6 +159,97 @@ class Damage(unittest.TestCase):
             self.check(name, data, start)
         self.check(name, data, start, "--trust-input")
 
+    def refused(self, files, *words):
+        """All but the first one, which is good; the messages."""
+        ends, _ = self.convert(files, "--from", "latlong", *words)
+        first, *others = files
+        self.assertIsNone(ends[first])
+        for name in others:
+            self.assertEqual((ends[name] or [None])[0], 3, name)
+        return {name: ends[name][1] for name in others}
+
+    def test_png_with_other_sizes(self):
+        whole = png()
+
+        def of(width, height, depth=8, color=2, interlaced=0):
+            head = corpus.chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, interlaced))
+            return whole[:8] + head + whole[33:]
+
+        sizes = {f"{w}x{h}.png": of(w, h) for w, h in ((48, 23), (48, 12), (48, 25), (47, 24), (24, 12), (2, 1))}
+        kinds = {"gray.png": of(48, 24, 8, 0), "sixteen.png": of(24, 24, 16), "adam7.png": of(48, 24, interlaced=1)}
+        self.assertEqual(of(WIDTH, HEIGHT), whole)
+        self.refused({"good.png": whole, "interlaced.png": of(48, 24, interlaced=1), **sizes, **kinds})
+        ends, _ = self.convert({"whole-interlaced.png": png(interlaced=True)})
+        self.assertIsNone(ends["whole-interlaced.png"])
+
+    def test_tiff_fields_that_cannot_be(self):
+        strip = b"".join(row(y) for y in range(HEIGHT))
+        good = corpus.tiff(WIDTH, HEIGHT, strip)
+        cases = {"kind": {262: (3, 1, 77)}, "cmyk": {262: (3, 1, 5)}, "float8": {339: (3, 1, 3)},
+                 "size-0": {279: (4, 1, 0)}, "size-1": {279: (4, 1, 1)}, "size+1": {279: (4, 1, len(strip) + 1)},
+                 "size-4G": {279: (4, 1, 0xFFFFFFFF)}, "in-directory": {273: (4, 1, 12)}, "around-it": {273: (4, 1, 8)}}
+        bad = {f"{what}.tif": corpus.tiff(WIDTH, HEIGHT, strip + strip[:200], fields.items()) for what, fields in cases.items()}
+        bad["size+1.tif"] = corpus.tiff(WIDTH, HEIGHT, strip, cases["size+1"].items())
+        self.refused({"good.tif": good, **bad})
+
+    def test_jpeg(self):
+        good = self.make("j.jpg", "--to", "latlong")
+        start = good.index(b"\xff\xda") + 14
+        middle = (start + len(good)) // 2
+        frame = good.index(b"\xff\xc0") + 5
+        bad = {"zeros": good[:middle] + bytes(len(good) - middle), "zeros-end": good[:middle] + bytes(len(good) - middle - 2) + good[-2:],
+               "early-end": good[:middle] + good[-2:], "cut": good[:middle], "no-end": good[:-2],
+               "marker": good[:middle] + b"\xff\xd3" + good[middle:],
+               "small": corpus.replaced(good, frame, struct.pack(">HH", 8, 16)),
+               "more": good[:-2] + bytes(64) + good[-2:], "progressive": good.replace(b"\xff\xc0", b"\xff\xc2"),
+               "arithmetic": good.replace(b"\xff\xc0", b"\xff\xc9")}
+        self.refused({"good.jpg": good, **{f"{what}.jpg": data for what, data in bad.items()}})
+        # Behind the end mark, cameras put whatever they like.
+        ends, written = self.convert({"good.jpg": good, "tail.jpg": good + bytes(range(256)) * 4})
+        self.assertIsNone(ends["tail.jpg"])
+        self.assertEqual(written["tail.jpg"], written["good.jpg"])
+
+    def test_rows_behind_the_last(self):
+        hdr = self.make("h.hdr", "--to", "latlong")
+        flat = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 24 +X 48\n" + bytes(range(16, 112)) * 48
+        for good in (hdr, flat):
+            self.refused({"good.hdr": good, **{f"{h}.hdr": good.replace(b"-Y 24", b"-Y %d" % h) for h in (1, 12, 23, 25)},
+                          "words.hdr": good.replace(b"+X 48", b"+X 48 48"), "twice.hdr": good + good[-len(good) // 2 :]})
+        ends, _ = self.convert({"line.hdr": hdr + b"\n"})
+        self.assertIsNone(ends["line.hdr"])
+        ppm = b"P6\n# c\n48 24 255\n" + b"".join(row(y) for y in range(HEIGHT))
+        pfm = b"PF\n48 24\n-1\n" + struct.pack("<f", 0.5) * (48 * 24 * 3)
+        self.refused({"good.ppm": ppm, "low.ppm": ppm.replace(b"48 24", b"48 23"), "gray.ppm": ppm.replace(b"P6", b"P5"),
+                      "narrow.ppm": ppm.replace(b"48 24", b"24 24"), "zero.ppm": ppm.replace(b" 255", b" 0"),
+                      "minus.ppm": ppm.replace(b" 255", b" -1"), "wide.ppm": ppm.replace(b" 255", b" 65536")})
+        self.refused({"good.pfm": pfm, "low.pfm": pfm.replace(b"48 24", b"48 20"), "zero.pfm": pfm.replace(b"-1", b"0"),
+                      "nan.pfm": pfm.replace(b"-1", b"nan"), "inf.pfm": pfm.replace(b"-1", b"-inf")})
+        # These formats allow pictures behind each other.
+        ends, _ = self.convert({"two.ppm": ppm + ppm, "two.pfm": pfm + pfm})
+        self.assertEqual(ends, {"two.ppm": None, "two.pfm": None})
+
+    def test_exr_chunks_and_flags(self):
+        for compression in ("piz", "b44", "rle", "dwaa", "zip"):
+            good = self.make("c.exr", "--to", "latlong", "--compression", compression, "--type", "half")
+            table = good.index(b"screenWindowWidth\0float\0") + len(b"screenWindowWidth\0float\0") + 8 + 1
+            chunk, = struct.unpack_from("<Q", good, table)
+            size, = struct.unpack_from("<i", good, chunk + 4)
+            bad = {f"size{v}.exr": corpus.replaced(good, chunk + 4, struct.pack("<i", v)) for v in (0, -1, 1 << 30)}
+            bad["deep.exr"] = corpus.replaced(good, 5, bytes([good[5] | 8]))
+            if compression == "zip":
+                bad["longer.exr"] = corpus.replaced(good, chunk + 4, struct.pack("<i", size + 1))
+            self.refused({"good.exr": good, **bad})
+
+    def test_nothing_finite(self):
+        for what in ("nan", "inf"):
+            write_exr(self.folder / "no.exr", WIDTH, HEIGHT, lambda x, y: (float(what),) * 3)
+            data = (self.folder / "no.exr").read_bytes()
+            ends, _ = self.convert({"no.exr": data})
+            self.assertEqual(ends["no.exr"][0], 3)
+            self.assertIn("no finite value", ends["no.exr"][1])
+            ends, _ = self.convert({"no.exr": data}, "--nonfinite", "zero")
+            self.assertIsNone(ends["no.exr"])
+
     def test_tiff_of_other_programs_with_levels(self):
         # Levels are behind each other, the directories at the end.
         data = self.make("levels.tif", "--to", "latlong", "--mips", "--type", "uint8", "--compression", "zip")
