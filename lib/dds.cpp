@@ -216,13 +216,15 @@ class DdsDecoder final : public TextureDecoder {
   Result<Ok> judge_rest(const Header& h, std::uint64_t rest) {
     const Size size = shape_.size;
     const auto pictures = static_cast<std::uint64_t>(shape_.pictures);
-    bool texels = rest % face_bytes_ == 0;
+    bool texels = rest % face_bytes_ == 0 || (!h.extended && rest == kExtensionSize);
     std::uint64_t further = 0;
     for (int level = shape_.levels; level < full_chain(size.width, size.height); ++level) {
       const Size here = size_of_level(size, level);
       further += surface_bytes(facts_.format, here.width, here.height);
       texels = texels || rest == further * pictures;
     }
+    // Rows that a header with too small a height leaves over: of one level in one picture, as others have places too.
+    if (shape_.levels == 1 && pictures == 1) texels = texels || rest % row_bytes(facts_.format, size.width) == 0;
     if ((h.flags & kPitch) != 0) texels = texels || h.pitch != row_bytes(facts_.format, size.width);
     if ((h.flags & kLinearSize) != 0) {
       texels = texels || h.pitch != surface_bytes(facts_.format, size.width, size.height);

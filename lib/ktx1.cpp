@@ -121,6 +121,7 @@ class Ktx1Decoder final : public TextureDecoder {
       if (level == level_) offset_ = at + 4;
       at += 4 + padded(all);
     }
+    if (at < file_size) return damaged_texture("it goes on behind its last level");
     return Ok{};
   }
 

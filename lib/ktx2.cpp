@@ -90,8 +90,10 @@ Result<std::vector<std::uint8_t>> inflated(const std::vector<std::uint8_t>& from
     libdeflate_decompressor* decompressor = libdeflate_alloc_decompressor();
     if (!decompressor) throw std::bad_alloc();
     // Without a place for the size made, fewer bytes are an error.
-    good = libdeflate_zlib_decompress(decompressor, from.data(), from.size(), to.data(), to.size(), nullptr) ==
-           LIBDEFLATE_SUCCESS;
+    std::size_t taken = 0;
+    good = libdeflate_zlib_decompress_ex(decompressor, from.data(), from.size(), to.data(), to.size(), &taken,
+                                         nullptr) == LIBDEFLATE_SUCCESS &&
+           taken == from.size();
     libdeflate_free_decompressor(decompressor);
   }
   if (!good) return damaged_texture("a level does not unpack to its size");
@@ -138,6 +140,9 @@ class Ktx2Decoder final : public TextureDecoder {
     if (global.size != 0) return damaged_texture("it has global data, which its compression does not use");
     ENVCONV_CHECK(read_descriptor(descriptor));
     ENVCONV_CHECK(read_pairs(pairs));
+    // The level index has no other end (section 4).
+    if (descriptor.offset != kHeaderSize + kIndexEntry * std::max<std::uint64_t>(word(7), 1))
+      return damaged_texture("its levels are not as many as its level index has");
     const TextureShape shape = shape_;
     const TextureFacts facts = facts_;
     ENVCONV_CHECK(describe(shape, facts));
@@ -236,6 +241,10 @@ class Ktx2Decoder final : public TextureDecoder {
         return damaged_texture("its parts overlap");
       }
     }
+    // Level 0 ends the file (Khronos Texture 2.0, section 4): where more than padding follows, something was inserted.
+    constexpr std::uint64_t kMostPadding = 15;
+    if (file_size_ - taken.back().offset - taken.back().size > kMostPadding)
+      return damaged_texture("it goes on behind its last part");
     return Ok{};
   }
 

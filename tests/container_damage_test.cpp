@@ -99,6 +99,23 @@ TEST_F(Damage, NotWhatFollowsADdsFilesTexels) {
   EXPECT_TRUE(read("flat.dds"));
   set_word(flat, 112, 0);
   expect_refused(flat, "640 bytes after the last texel", "bad.dds");
+  // A lost extension, and rows that the header does not tell of.
+  std::string old = dds_header(8, 1, 4, 113, 0, {}, false) + std::string(64 * 8 + 20, '\0');
+  expect_refused(old, "20 bytes after the last texel", "bad.dds");
+  std::string low = dds_header(8, 1, 4, 113, 0, {}, false) + std::string(64 * 8, '\0');
+  put("low.dds", low);
+  EXPECT_TRUE(read("low.dds"));
+  set_word(low, 12, 5);
+  expect_refused(low, "192 bytes after the last texel", "bad.dds");
+}
+
+TEST_F(Damage, NorWhatFollowsALastLevel) {
+  for (const char* file : {"a.ktx", "a.ktx2"}) {
+    const std::string bytes = good(file);
+    expect_refused(bytes + bytes, "goes on behind its last", file);
+    expect_refused(bytes.substr(0, bytes.size() - 20) + bytes.substr(bytes.size() - 60), "goes on behind its last",
+                   file);
+  }
 }
 
 TEST_F(Damage, OfKtx2) {
@@ -116,6 +133,7 @@ TEST_F(Damage, OfKtx2) {
   for (const std::uint32_t v : {0u, 5u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 36, v, "faces");
   for (const std::uint32_t v : {4u, 0xFFFFFFFFu}) expect_refused_with("a.ktx2", 40, v, "levels");
   expect_refused_with("a.ktx2", 40, 3, "damaged");
+  for (const std::uint32_t v : {0u, 1u}) expect_refused_with("a.ktx2", 40, v, "level index");
   expect_refused_with("a.ktx2", 44, 1, "Basis");
   for (const std::uint32_t v : {2u, 3u}) expect_refused_with("a.ktx2", 44, v, "does not unpack");
   expect_refused_with("a.ktx2", 44, 4, "supercompression");
