@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "color_encoding.h"
+#include "icc_profile.h"
 #include "output_file.h"
 #include "png_color.h"
 #include "png_damage.h"
@@ -149,15 +150,20 @@ void take_png_color(const PngColor& color, FileSpec& spec) {
   spec.gamma = static_cast<float>(color.gamma);
 }
 
-// Profiles are not applied; the most usual ones have names that tell all.
-void take_profile(const std::string& name, FileSpec& spec) {
-  if (name == "Display P3") {
-    spec.transfer = Transfer::srgb;
-    spec.primaries = find_named_primaries("p3-d65").xy;
+void take_profile(const EnvconvImageioSpec& raw, FileSpec& spec) {
+  const std::string name = text_of(raw.profile, sizeof raw.profile);
+  if (const auto color = read_icc_profile({static_cast<const std::uint8_t*>(raw.profile_data), raw.profile_size})) {
+    // Floating point is linear, whatever profile it was left with.
+    const auto type = static_cast<PixelType>(raw.type);
+    if (type != PixelType::float32 && type != PixelType::half) {
+      spec.transfer = color->transfer;
+      spec.gamma = static_cast<float>(color->gamma);
+    }
+    spec.primaries = color->primaries;
     spec.color_how = "ICC profile";
   } else if (name.find("sRGB") == std::string::npos) {
     spec.warnings.push_back("its ICC profile \"" + printable(name) +
-                            "\" is not applied (--in-colorspace says what it is)");
+                            "\" is no matrix with a simple curve, and not applied (--in-colorspace says what it is)");
   }
 }
 
@@ -211,9 +217,7 @@ Result<std::unique_ptr<Decoder>> open_imageio(const std::string& format, int fd,
   if (format == "png") {
     if (const auto color = read_png_color(fd)) take_png_color(*color, spec);
   }
-  if (raw->profile[0] && spec.color_how != "cICP") {
-    take_profile(text_of(raw->profile, sizeof raw->profile), spec);
-  }
+  if (raw->profile_size > 0 && spec.color_how != "cICP") take_profile(*raw, spec);
   if (raw->pictures > 1) spec.warnings.push_back("only the first of several pictures is read");
   PictureSpec picture;
   picture.width = static_cast<int>(raw->width);

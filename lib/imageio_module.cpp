@@ -220,6 +220,10 @@ int open_file(const char* format, int fd, int level, EnvconvImageioSpec* out, vo
     // Some readers name a space that the file does not: JPEG's sRGB, and PNM's the Rec. 709 of its specification.
     out->transfer_told = !real && (gamma > 0 || spec.find_attribute("Exif:ColorSpace") != nullptr);
     put(out->profile, spec.get_string_attribute("ICCProfile:profile_description"));
+    if (const oiio::ParamValue* profile = spec.find_attribute("ICCProfile")) {
+      out->profile_data = profile->data();
+      out->profile_size = profile->type().size();
+    }
     if (real || space == "Linear" || space == "linear" || space == "scene_linear") {
       out->transfer = static_cast<std::int32_t>(Transfer::linear);
     } else if (space != "sRGB" && gamma > 0.01f && gamma < 100.f) {

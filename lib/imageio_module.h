@@ -9,7 +9,7 @@
 extern "C" {
 
 /// Changes when anything below does.
-constexpr std::uint32_t kEnvconvImageioAbi = 5;
+constexpr std::uint32_t kEnvconvImageioAbi = 6;
 
 /// A picture that was opened.  Numbers of types are envconv::PixelType's, of transfers envconv::Transfer's.
 struct EnvconvImageioSpec {
@@ -22,9 +22,11 @@ struct EnvconvImageioSpec {
   std::int32_t unassociated, orientation, levels, pictures;
   std::int32_t transfer_told;  // by the file: 0 when it was assumed
   char compression[32];
-  char profile[128];       // description of an ICC profile, or ""
-  char names[64][32];      // of the channels; unused ones are empty
-  char description[4096];  // ours, "envconv:layout=cube envconv:...", or ""
+  char profile[128];         // description of an ICC profile, or ""
+  const void* profile_data;  // the profile, as long as the picture is open
+  std::size_t profile_size;  // bytes; 0 where there is none
+  char names[64][32];        // of the channels; unused ones are empty
+  char description[4096];    // ours, "envconv:layout=cube envconv:...", or ""
 };
 
 /// A picture to write: [height][width][channels] elements, top row first.

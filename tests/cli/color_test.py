@@ -15,12 +15,56 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 AP1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 
+ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
+
 # A configuration of one's own.
 CONFIG = (SOURCE / "testdata/color/odd.ocio").read_text()
 
 
 def srgb(v):
     return 12.92 * v if v <= 0.0031308 else 1.055 * v ** (1 / 2.4) - 0.055
+
+
+def srgb_light(v):
+    return v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
+
+
+def solve(rows, wanted):
+    """Cramer's rule for three unknowns."""
+    def determinant(m):
+        return sum(m[0][i] * (m[1][(i + 1) % 3] * m[2][(i + 2) % 3] - m[1][(i + 2) % 3] * m[2][(i + 1) % 3]) for i in range(3))
+
+    return [determinant([[wanted[r] if c == k else rows[r][c] for c in range(3)] for r in range(3)]) / determinant(rows)
+            for k in range(3)]
+
+
+def icc_profile(xy, curve, blue=None, more=None):
+    """Version 4, three colorants adapted to D50 by Bradford's matrix, and a curve (ICC.1:2022)."""
+    def xyz(x, y):
+        return (x / y, 1.0, (1 - x - y) / y)
+
+    def times(matrix, v):
+        return [sum(a * b for a, b in zip(row, v)) for row in matrix]
+
+    bradford = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
+    d50, white = (0.9642, 1.0, 0.8249), xyz(*xy[6:])
+    primaries = [xyz(*xy[2 * i : 2 * i + 2]) for i in range(3)]
+    scale = solve([[p[r] for p in primaries] for r in range(3)], white) if len({p for p in primaries}) > 1 else (1, 1, 1)
+    ratio = [a / b for a, b in zip(times(bradford, d50), times(bradford, white))]
+    tags = {}
+    for name, p, s in zip((b"rXYZ", b"gXYZ", b"bXYZ"), primaries, scale):
+        adapted = solve(bradford, [a * b for a, b in zip(times(bradford, [s * v for v in p]), ratio)])
+        tags[name] = b"XYZ \0\0\0\0" + struct.pack(">3i", *(round(v * 65536) for v in adapted))
+    tags.update({b"rTRC": curve, b"gTRC": curve, b"bTRC": blue or curve, b"wtpt": b"XYZ \0\0\0\0" + struct.pack(">3i", 63190, 65536, 54061),
+                 b"desc": b"mluc" + struct.pack(">III4sII", 0, 1, 12, b"enUS", 10, 28) + "sRGBx".encode("utf-16-be"), **(more or {})})
+    table, data = b"", b""
+    start = 132 + 12 * len(tags)
+    for name, value in tags.items():
+        table += struct.pack(">4sII", name, start + len(data), len(value))
+        data += value + bytes(-len(value) % 4)
+    size = start + len(data)
+    head = struct.pack(">I4sI4s4s4s12s4s", size, b"test", 0x04300000, b"mntr", b"RGB ", b"XYZ ", bytes(12), b"acsp")
+    return (head.ljust(68, b"\0") + struct.pack(">3i", 63190, 65536, 54061)).ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + data
 
 
 def chromaticities(values):
@@ -387,26 +431,72 @@ class Records(ColorCase):
         write_png(self.path("in.png"), 16, 8, lambda x, y: (128,) * 3, 8, [(b"cICP", bytes([9, 16, 0, 1]))])
         self.run_tool("info", "in.png").says("PQ", "not supported")
 
-    def test_icc_profiles(self):
-        # One made by Little CMS, and the same under other names.
+    def save_with_profiles(self, profiles, color=(128, 64, 32)):
+        """A picture of one colour with each profile, in each format that holds one."""
+        for name, profile in profiles.items():
+            self.path(f"{name}.icc").write_bytes(profile)
         program = """
-from PIL import Image, ImageCms
-profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-own = "sRGB built-in".encode("utf-16-be")
-assert profile.count(own) == 1
-for name, text in (("a", "sRGB built-in"), ("b", "Some wide RGB"), ("c", "Display P3\\0\\0\\0")):
+import sys
+from PIL import Image
+for name in sys.argv[1].split():
     for kind in ("png", "jpg", "tif"):
-        image = Image.new("RGB", (16, 8), (128, 64, 32))
-        image.save(f"{name}.{kind}", icc_profile=profile.replace(own, text.encode("utf-16-be")))
+        Image.new("RGB", (16, 8), tuple(map(int, sys.argv[2:]))).save(
+            f"{name}.{kind}", quality=100, subsampling=0, icc_profile=open(f"{name}.icc", "rb").read())
+"""
+        subprocess.run(["/usr/bin/python3", "-c", program, " ".join(profiles), *map(str, color)], cwd=self.folder, check=True)
+
+    def test_icc_profiles(self):
+        cube = (0.8, 0.3, 0.1)
+        d50 = (0.34567, 0.35850)  # what colorants are relative to
+        identity = b"para\0\0\0\0\0\0\0\0" + struct.pack(">i", 65536)
+        table = b"curv" + struct.pack(">II", 0, 256) + struct.pack(">256H", *(round((i / 255) ** 1.8 * 65535) for i in range(256)))
+        srgb_curve = b"para" + struct.pack(">IHH5i", 0, 3, 0, *(round(v * 65536) for v in (
+            2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)))
+        power = b"curv" + struct.pack(">IIH", 0, 1, 563) + b"\0\0"  # 2.19921875, as in Adobe RGB (1998)
+        profiles = {"linear": (REC709, identity), "empty": (REC709, b"curv" + bytes(8)), "p3": (P3, srgb_curve),
+                    "adobe": (ADOBE, power), "wide": ((0.7347, 0.2653, 0.1596, 0.8404, 0.0366, 0.0001, *d50), table)}
+        decode = {"linear": lambda v: v, "empty": lambda v: v, "p3": srgb_light, "adobe": lambda v: v ** (563 / 256),
+                  "wide": lambda v: v ** 1.8}
+        color = tuple(round(v * 255) for v in cube)
+        self.save_with_profiles({name: icc_profile(*what) for name, what in profiles.items()}, color)
+        for name, (xy, _) in profiles.items():
+            light = [decode[name](v / 255) for v in color]
+            # The same light in a file that says what it is by other means.
+            self.constant("same.exr", light, {"chromaticities": chromaticities(xy)})
+            self.run_tool("convert", "same.exr", "-o", "wanted.exr", "--out-colorspace", "lin_rec709", *PLAIN)
+            for kind in ("png", "jpg", "tif"):
+                info = self.json("info", f"{name}.{kind}")
+                self.assertEqual((info["colorspace_from"], self.err), ("ICC profile", ""), (name, kind))
+                self.run_tool("convert", f"{name}.{kind}", "-o", "got.exr", "--out-colorspace", "lin_rec709", *PLAIN)
+                self.check(self.color("got.exr"), self.color("wanted.exr"), 0.012 if kind == "jpg" else 0.003)
+
+    def test_icc_profiles_of_little_cms(self):
+        program = """
+from PIL import ImageCms
+open("s.icc", "wb").write(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+open("lab.icc", "wb").write(ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes())
 """
         subprocess.run(["/usr/bin/python3", "-c", program], cwd=self.folder, check=True)
+        self.save_with_profiles({"s": self.path("s.icc").read_bytes()})
         for kind in ("png", "jpg", "tif"):
-            self.assertEqual(self.json("info", f"a.{kind}")["primaries"]["name"], "rec709")
-            self.assertEqual(self.err, "")
-            self.json("info", f"b.{kind}")
-            self.says('ICC profile "Some wide RGB" is not applied', "--in-colorspace")
-            info = self.json("info", f"c.{kind}")
-            self.assertEqual((info["color"], info["primaries"]["name"], self.err), ("sRGB", "p3-d65", ""))
+            info = self.json("info", f"s.{kind}")
+            self.assertEqual((info["color"], info["primaries"]["name"], self.err), ("sRGB", "rec709", ""))
+        # What is no matrix and curve, and what is none of all three or damaged.
+        good = icc_profile(P3, b"curv" + bytes(8))
+        s_curve = b"curv" + struct.pack(">II9H", 0, 9, *(0, 500, 2000, 9000, 33000, 56000, 63500, 65000, 65535)) + b"\0\0"
+        odd = {"s_curve": icc_profile(P3, s_curve), "lut": icc_profile(P3, s_curve[:12], more={b"A2B0": b"mft2" + bytes(60)}),
+               "uneven": icc_profile(P3, b"curv" + bytes(8), blue=s_curve), "cut": good[:200], "gray": good.replace(b"RGB XYZ", b"GRAYXYZ"),
+               "flat": icc_profile((0.3, 0.3) * 4, b"curv" + bytes(8)),
+               "steps": icc_profile(P3, b"curv" + struct.pack(">II", 0, 0xFFFFFFFF))}
+        self.save_with_profiles(odd)
+        for name in odd:
+            for kind in ("png", "jpg", "tif"):
+                self.assertEqual(self.json("info", f"{name}.{kind}")["color"], "sRGB", (name, kind))
+        own = "sRGBx".encode("utf-16-be")
+        self.assertEqual(odd["lut"].count(own), 1)
+        self.save_with_profiles({"other": odd["lut"].replace(own, "Paper".encode("utf-16-be"))})
+        self.json("info", "other.png")
+        self.says('ICC profile "Paper" is no matrix with a simple curve, and not applied', "--in-colorspace")
 
     def test_chunks_that_lie(self):
         for chunks in ([(b"cICP", b"\1")], [(b"gAMA", b"\0\0\0\0")], [(b"cHRM", bytes(32)), (b"gAMA", b"\0\0\xb1\x8f")],
