@@ -25,16 +25,16 @@ namespace envconv {
 /// The figures of one channel, or of all together.  a and b are values of the two maps, E is the mean over the sphere.
 /// Not a number where no point could be compared.
 struct ErrorFigures {
-  double mean_a = 0, mean_b = 0;  ///< E[a], E[b]
-  double rmse = 0;                ///< sqrt(E[(a-b)^2])
-  double mae = 0;                 ///< E[|a-b|]
-  double max_error = 0;           ///< largest |a-b| on the points, and on the centres of both maps' texels
-  Vec3 max_error_direction;       ///< where that is: unit, world frame; zero when nothing differs
-  double psnr = 0;                ///< 10 log10(peak^2 / E[(a-b)^2]) dB; infinite when nothing differs
-  double psnr_hdr = 0;            ///< the same of log_encoded() values, whose peak is log_encoded_range()
-  double ws_psnr = 0;             ///< Sun, Lu & Yu 2017: on the texels of a's grid, weighted with their solid angles
-  double s_psnr = 0;              ///< Yu, Lakshman & Girod 2015: nearest texels at 655362 points (S-PSNR-NN)
-  double ssim_sphere = 0;         ///< Wang et al. 2004, of log-encoded values, in windows on tangent planes; at most 1
+  double mean_a = 0, mean_b = 0;      ///< E[a], E[b]
+  double rmse = 0;                    ///< sqrt(E[(a-b)^2])
+  double mae = 0;                     ///< E[|a-b|]
+  double max_error = 0;               ///< largest |a-b| on the points, and on the centres of both maps' texels
+  Vec3 max_error_direction{0, 0, 0};  ///< where that is: unit, world frame; zero when nothing differs
+  double psnr = 0;                    ///< 10 log10(peak^2 / E[(a-b)^2]) dB; infinite when nothing differs
+  double psnr_hdr = 0;                ///< the same of log_encoded() values, whose peak is log_encoded_range()
+  double ws_psnr = 0;      ///< Sun, Lu & Yu 2017: on the texels of a's grid, weighted with their solid angles
+  double s_psnr = 0;       ///< Yu, Lakshman & Girod 2015: nearest texels at 655362 points (S-PSNR-NN)
+  double ssim_sphere = 0;  ///< Wang et al. 2004, of log-encoded values, in windows on tangent planes; at most 1
 };
 
 /// What compare_maps() found.
