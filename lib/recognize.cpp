@@ -448,6 +448,25 @@ Result<Recognition> recognize_faces(const PictureFile& file, const InputHints& h
   return r;
 }
 
+// Parts are faces, or else passes and views of a renderer: the first of them is its picture.
+Result<Recognition> recognize_parts(const PictureFile& file, const InputHints& hints, const Recorded& recorded,
+                                    const Recognition& r) {
+  Result<Recognition> faces = recognize_faces(file, hints, recorded, r);
+  if (faces) return faces;
+  Result<Recognition> first = recognize_one(file, hints, recorded, r);
+  if (!first) return faces;
+  first->first_only = true;
+  std::vector<std::string> others;
+  for (std::size_t i = 1; i < file.pictures.size() && i <= 8; ++i) {
+    const std::string& name = file.pictures[i].name;
+    others.push_back(name.empty() ? std::to_string(i) : printable(name));
+  }
+  if (file.pictures.size() > 9) others.push_back("...");
+  first->warnings.push_back("only the first of its " + std::to_string(file.pictures.size()) +
+                            " parts is read (the others: " + joined(others) + ")");
+  return first;
+}
+
 // --- levels and gutters
 
 // The faces' sizes that the metadata implies.
@@ -501,6 +520,8 @@ Result<Recognition> recognize(const PictureFile& file, const InputHints& hints) 
     if (r.seam.gutter() > 0) r.seam = {};
   }
   const bool wants_faces = hints.packing && is_apart(*hints.packing) && known && known->face_count() > 1;
+  if (file.pictures.size() > 1 && !wants_faces && file.format == "openexr")
+    return recognize_parts(file, hints, recorded, std::move(r));
   if (file.pictures.size() > 1 || wants_faces) return recognize_faces(file, hints, recorded, std::move(r));
   return recognize_one(file, hints, recorded, std::move(r));
 }
@@ -552,6 +573,7 @@ Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition
   const Layout* layout = recognition.layout;
   if (!layout || !recognition.packing || !recognition.frame || file.pictures.empty())
     return Error{ErrorCode::usage, file.path + ": was not recognised"};
+  if (recognition.first_only) file.pictures.resize(1);
   const Channels& channels = file.pictures[0].channels;
   for (const Picture& picture : file.pictures) {
     if (picture.image.empty()) return Error{ErrorCode::usage, file.path + ": its pixels were not read"};

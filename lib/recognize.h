@@ -31,14 +31,16 @@ struct Recognition {
   Seam seam;          ///< as the metadata records it
   /// Sizes of the faces as they are stored, where the height does not imply them: with gutters, or a MIP level.
   std::vector<Size> stored;
-  std::string how;  ///< "from its metadata (envconv:layout)", "2:1 is latlong" ...
+  bool first_only = false;  ///< of the file's pictures only the first is the environment
+  std::string how;          ///< "from its metadata (envconv:layout)", "2:1 is latlong" ...
   std::vector<std::string> warnings;
 };
 
 /// Order: what the user said, then metadata, then the container (the envmap attribute, part names, a cube map, the
 /// number of layers), then the aspect ratio.  Ambiguity is an error that lists the candidates.  What the user or
 /// envconv's metadata says and the size contradicts is an error too; an envmap attribute that the size contradicts is
-/// ignored with a warning.  Pictures without pixels (headers) will do; a cross is then presumed to be one.
+/// ignored with a warning.  Of an OpenEXR file whose parts are not faces the first is taken, with a warning that names
+/// the others.  Pictures without pixels (headers) will do; a cross is then presumed to be one.
 Result<Recognition> recognize(const PictureFile& file, const InputHints& hints);
 
 /// What a file that recognize() finds ambiguous could be: layouts, each with its packing in brackets where that is not

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -157,6 +159,23 @@ void warn_of(const WriteReport& report, const std::string& path, std::vector<std
   warnings.insert(warnings.end(), report.warnings.begin(), report.warnings.end());
 }
 
+// Formats without names for channels take them for grey, colour and alpha, whatever they are.
+void warn_of_names(const Channels& channels, const std::string& path, std::vector<std::string>& warnings) {
+  constexpr std::array<std::array<std::string_view, 4>, 4> usual{
+      {{"Y"}, {"Y", "A"}, {"R", "G", "B"}, {"R", "G", "B", "A"}}};
+  const auto count = static_cast<std::size_t>(channels.count());
+  const std::string extension = std::filesystem::path(path).extension().string();
+  if (count < 1 || count > usual.size() || extension == ".exr") return;
+  const auto& wanted = usual[count - 1];
+  if (std::equal(channels.names.begin(), channels.names.end(), wanted.begin())) return;
+  std::string from, to;
+  for (std::size_t i = 0; i < count; ++i) {
+    from += (i > 0 ? " " : "") + channels.names[i];
+    to += (i > 0 ? " " : "") + std::string(wanted[i]);
+  }
+  warnings.push_back("channels " + from + " are taken for " + to + ", as " + extension + " has no names for them");
+}
+
 // The nearest type that the format of `path` has: the source's own, another of its kind, or else what there is.
 PixelType nearest_type(const std::string& path, PixelType source, WriteOptions write, int parts, int channels,
                        int levels) {
@@ -197,12 +216,14 @@ WriteOptions write_options(const ConvertPlan& plan, const Job& job, const Shape&
 
 Result<Ok> write_files(const ConvertPlan& plan, const Job& job, const WriteOptions& write, std::vector<EnvImage> levels,
                        Outcome& outcome) {
-  const int channels = levels.front().channels.count(), in_file = levels_in_file(plan, job, outcome.shape.height);
+  const Channels named_channels = levels.front().channels;
+  const int channels = named_channels.count(), in_file = levels_in_file(plan, job, outcome.shape.height);
   const std::vector<LevelFile> files =
       level_files(plan.options.levels, level_place(plan, job), std::move(levels), write.type);
   for (const std::string& path : job.paths) {
     ENVCONV_CHECK(can_write(path, write, pictures_of(plan), channels, in_file));
   }
+  warn_of_names(named_channels, job.paths.front(), outcome.warnings);
   WriteReport total;
   for (std::size_t i = 0; i < files.size(); ++i) {
     WriteOptions one = write;

@@ -187,6 +187,28 @@ class Nonfinite(Case):
 
 
 class Formats(Case):
+    def test_channels_without_a_name_in_the_format(self):
+        for names, taken in (("BRX", "B R X are taken for R G B"), ("GR", "G R are taken for Y A"), ("Z", "Z are taken for Y")):
+            write_exr(self.path("in.exr"), 16, 8, lambda x, y: (0.5,) * len(names), channels=names)
+            self.run_tool("convert", "in.exr", "-o", "out.png").says("channels " + taken, ".png has no names")
+            self.run_tool("convert", "in.exr", "-o", "out.exr").is_silent()
+
+    def test_parts_that_are_not_faces(self):
+        write_exr(self.path("rgb.exr"), 32, 16, lambda x, y: (x / 32, 0.5, 0.25))
+        write_exr(self.path("z.exr"), 32, 16, lambda x, y: (1000.0,), channels="Z")
+        write_exr(self.path("left.exr"), 32, 16, lambda x, y: (0.0, 1.0, 0.0))
+        self.run_tool("convert", "rgb.exr", "-o", "wanted.exr", "--size", 8, *PLAIN).is_silent()
+        for second, words in (("z.exr", ()), ("left.exr", ()), ("z.exr", ("--from", "latlong"))):
+            subprocess.run(["oiiotool", "rgb.exr", "--attrib", "oiio:subimagename", "beauty", second, "--attrib",
+                            "oiio:subimagename", "other", "--siappend", "-o", "parts.exr"], cwd=self.folder, check=True)
+            self.run_tool("convert", "parts.exr", "-o", "got.exr", "--size", 8, *PLAIN, *words)
+            self.says("only the first of its 2 parts is read", "other")
+            self.assertEqual(read_exr(self.path("got.exr"))[2], read_exr(self.path("wanted.exr"))[2])
+            self.assertEqual(self.json("info", "parts.exr")["layout"], "latlong")
+        # Faces of which one has another size are no passes.
+        self.run_tool("convert", "rgb.exr", "-o", "cube.exr", "--size", 8, "--packing", "parts", *PLAIN).is_silent()
+        self.run_tool("convert", "cube.exr", "--from", "latlong", "-o", "no.exr", expect=3).says("6 pictures")
+
     def test_types_follow_the_source_and_the_format(self):
         write_constant(self.path("float.exr"), 0.5)
         write_png(self.path("eight.png"), 16, 8, lambda x, y: (188, 188, 188))
