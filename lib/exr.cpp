@@ -412,9 +412,12 @@ class ExrDecoder final : public Decoder {
     const bool ours = header.find("envconv:layout") != header.end();
     const bool contains =
         data.x0 <= display.x0 && data.y0 <= display.y0 && data.x1 >= display.x1 && data.y1 >= display.y1;
-    if (same_size && !contains && !(ours && file_->parts() > 1)) {
-      spec_.warnings.push_back("the data window (" + data.text() + ") is beside the display window (" + display.text() +
-                               "): its pixels are taken for all of the picture");
+    // The same size elsewhere is the same picture; a part of it there, and a part beside it, may be not.
+    const bool overlaps =
+        data.x0 <= display.x1 && data.x1 >= display.x0 && data.y0 <= display.y1 && data.y1 >= display.y0;
+    if (same_size && !contains && overlaps) {
+      spec_.warnings.push_back("the data window (" + data.text() + ") is shifted against the display window (" +
+                               display.text() + "): its pixels are taken for all of the picture");
     }
     // The parts of a file must share one display window, so faces of several sizes do not fill theirs.
     if (!same_size && !(ours && file_->parts() > 1)) {

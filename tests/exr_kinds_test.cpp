@@ -109,6 +109,12 @@ TEST_F(Io, ExrWindows) {
     ASSERT_TRUE(file.ok()) << file.error().message;
     EXPECT_TRUE(file->warnings.empty());
     EXPECT_EQ(*file->pictures[0].image.at(7, 9), 5900 + 107);
+    // The same size one column to the side is the same picture, with a warning.
+    file = read({{0, 0}, {19, 9}}, {{1, 0}, {20, 9}}, tiled);
+    ASSERT_TRUE(file.ok()) << file.error().message;
+    ASSERT_EQ(file->warnings.size(), 1u);
+    EXPECT_NE(file->warnings[0].find("20x10 at (1, 0)"), std::string::npos) << file->warnings[0];
+    EXPECT_EQ(*file->pictures[0].image.at(7, 9), 908);
     // A part is not an environment; both windows are named.
     file = read({{0, 0}, {19, 9}}, {{0, 0}, {9, 9}}, tiled);
     ASSERT_FALSE(file.ok());
