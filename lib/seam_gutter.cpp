@@ -42,7 +42,7 @@ struct Shape {
 // Marks the texels of a face near the curve where what it owns ends: next to it inside, as far as they may be cut, and
 // so many beyond.
 Marks near_curve(const Shape& shape, int f, int distance) {
-  const auto [w, h] = shape.sizes[static_cast<std::size_t>(f)];
+  const int w = shape.sizes[static_cast<std::size_t>(f)].width, h = shape.sizes[static_cast<std::size_t>(f)].height;
   Marks inside({w, h}), near({w, h});
   tbb::parallel_for(0, h, [&](int y) {
     for (int x = 0; x < w; ++x)
@@ -165,12 +165,12 @@ class PlaceFinder {
   Vec3 mean_direction(int f, int x, int y) {
     constexpr int a_side = 4;
     const auto [at, is_new] = known_.try_emplace({f, x, y});
+    Vec3& mean = at->second;
     if (is_new) {
-      each_point(f, x, y, a_side,
-                 [&](double u, double v) { at->second = at->second + shape_.layout.direction(f, u, v); });
-      at->second = (1.0 / (a_side * a_side)) * at->second;
+      each_point(f, x, y, a_side, [&](double u, double v) { mean = mean + shape_.layout.direction(f, u, v); });
+      mean = (1.0 / (a_side * a_side)) * mean;
     }
-    return at->second;
+    return mean;
   }
 
   const Shape& shape_;
