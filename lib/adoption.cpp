@@ -348,8 +348,10 @@ void Source::adopt(const Orphans& orphans) {
   constexpr int passes = 5;
   const std::vector<Orphan> refined(open.begin(), open.end());
   std::vector<Texel> interpolated(refined.size()), values(refined.size()), before(refined.size());
-  for (std::size_t i = 0; i < refined.size(); ++i)
+  for (std::size_t i = 0; i < refined.size(); ++i) {
+    faces_[static_cast<std::size_t>(refined[i].face)].image->texels_touched();
     copy_row(refined[i].face, refined[i].x, refined[i].y, 1, values[i].data());
+  }
   double weight = 1;
   for (int pass = 0; pass < passes; ++pass) {
     each_run(refined, [&](std::size_t i, int n) { interpolate(n, &refined[i], &interpolated[i]); });
