@@ -67,19 +67,22 @@ Highlights::Block* Source::block_at(int face, int x, int y, bool create) {
     if (!create) return nullptr;
     index = static_cast<std::int32_t>(highlights_.blocks.size());
     highlights_.blocks.emplace_back();
-    highlights_.blocks.back() = {};
   }
   return &highlights_.blocks[static_cast<std::size_t>(index)];
 }
 
-float* Source::excess_at(int face, int x, int y, bool create) {
-  Highlights::Block* block = block_at(face, x, y, create);
-  return block ? block->excess[Highlights::place(x, y)] : nullptr;
+Highlights::Texel* Source::highlight_at(int face, int x, int y) {
+  Highlights::Block* block = block_at(face, x, y, false);
+  return block ? block->find(Highlights::place(x, y)) : nullptr;
 }
 
-std::uint64_t* Source::received_at(int face, int x, int y) {
-  Highlights::Block* block = block_at(face, x, y, false);
-  return block ? &block->received[Highlights::place(x, y)] : nullptr;
+Highlights::Texel& Highlights::Block::add(int place) {
+  constexpr std::size_t step = 16;  // of what is reserved
+  if (Texel* texel = find(place)) return *texel;
+  if (texels_.size() == texels_.capacity()) texels_.reserve(texels_.size() + step);
+  number_[place] = static_cast<std::uint8_t>(texels_.size());
+  here_.add(place);
+  return texels_.emplace_back();
 }
 
 void Source::split_highlights(const EnvImage& image) {
@@ -113,10 +116,9 @@ void Source::split_highlights(const EnvImage& image) {
   threshold_ = limit > 0 ? static_cast<float>(limit) : std::numeric_limits<float>::max();
 
   struct Found {
-    std::int32_t face, x, y;
-    float base[4];
+    std::int32_t x, y;
+    float base[3];
   };
-  std::vector<Found> found;
   std::fill_n(lowest_, 4, std::numeric_limits<float>::max());
   const std::vector<RectangleRange> ranges = survey(image);
   std::vector<std::vector<Found>> found_in(ranges.size());
@@ -131,8 +133,8 @@ void Source::split_highlights(const EnvImage& image) {
         if (brightness(t) <= threshold_ || !owned(r.face, x, y)) continue;
         // What lies below the highlight: the mean of the texels around it that are none, so that the kernel has no step
         // to ring at; deep inside a bright area, the threshold.
-        Found hit{r.face, x, y, {}};
-        double sum[4]{}, n = 0;
+        Found hit{x, y, {}};
+        double sum[3]{}, n = 0;
         for (int yy = std::max(y - 2, apron_); yy <= std::min(y + 2, apron_ + s.size.height - 1); ++yy)
           for (int xx = std::max(x - 2, apron_); xx <= std::min(x + 2, apron_ + s.size.width - 1); ++xx) {
             const float* q = pixel(s, xx, yy);
@@ -141,20 +143,23 @@ void Source::split_highlights(const EnvImage& image) {
             n += 1;
           }
         for (int c = 0; c < 3; ++c) hit.base[c] = std::min(t[c], n > 0 ? static_cast<float>(sum[c] / n) : threshold_);
-        hit.base[3] = channels_ > 3 ? t[3] : 0;  // alpha, or no channel at all
         found_in[i].push_back(hit);
       }
   });
-  for (const auto& some : found_in) found.insert(found.end(), some.begin(), some.end());
   for (const RectangleRange& r : ranges)
     for (std::size_t c = 0; c < 4; ++c) lowest_[c] = std::min(lowest_[c], r.low[c]);
-  for (const Found& h : found) {
-    const float* t = pixel(faces_[static_cast<std::size_t>(h.face)], h.x, h.y);
-    Highlights::Block& block = *block_at(h.face, h.x, h.y, true);
-    const int k = Highlights::place(h.x, h.y);
-    block.split[k] = true;
-    std::copy_n(h.base, 4, block.base[k]);
-    for (int c = 0; c < channels_; ++c) block.excess[k][c] = t[c] - h.base[c];
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    const int face = ranges[i].face;
+    for (const Found& h : found_in[i]) {
+      const float* t = pixel(faces_[static_cast<std::size_t>(face)], h.x, h.y);
+      Highlights::Block& block = *block_at(face, h.x, h.y, true);
+      const int k = Highlights::place(h.x, h.y);
+      block.split.add(k);
+      Highlights::Texel& texel = block.add(k);
+      std::copy_n(h.base, 3, texel.base);
+      for (int c = 0; c < 3; ++c) texel.excess[c] = t[c] - h.base[c];
+    }
+    found_in[i] = {};
   }
 }
 
@@ -196,7 +201,7 @@ class SolidAngles {
 void Source::spread_highlights() {
   struct Deposit {
     std::int32_t face, x, y;
-    std::array<float, 4> excess;
+    std::array<float, 3> excess;
     double thin, wide;  // of the texel that it comes from, in radians
     auto place() const { return std::tuple(face, y, x); }
   };
@@ -227,7 +232,7 @@ void Source::spread_highlights() {
     const SourceFace& s = faces_[static_cast<std::size_t>(f)];
     for (int y = 0; y < s.rows; y += side)
       for (int x = 0; x < s.columns; x += side)
-        if (excess_at(f, x, y, false)) blocks.push_back({f, x, y});
+        if (block_at(f, x, y, false)) blocks.push_back({f, x, y});
   }
   const auto spread = [&](const Place& block, SolidAngles& solid_angles, std::vector<Deposit>& out) {
     const int f = block.face;
@@ -235,8 +240,9 @@ void Source::spread_highlights() {
     for (int y = block.y; y < block.y + side; ++y)
       for (int x = block.x; x < block.x + side; ++x) {
         if (!in_face(s, x, y)) continue;
-        float* e = excess_at(f, x, y, false);
-        if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+        Highlights::Texel* texel = highlight_at(f, x, y);
+        if (!texel || !texel->lit()) continue;
+        float* e = texel->excess;
         Vec3 d, thin;
         double wide_angle, thin_angle;
         // Centred on a singular point (a pole), a texel has no sides there; a quarter of it further in it has.
@@ -261,9 +267,9 @@ void Source::spread_highlights() {
           if (!(to > 0)) continue;
           const float share = static_cast<float>(omega / (n * to));
           out.push_back(
-              {at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2], 0}, thin_angle, wide_angle});
+              {at.face, i + apron_, j + apron_, {share * e[0], share * e[1], share * e[2]}, thin_angle, wide_angle});
         }
-        if (out.size() > before) std::fill_n(e, 4, 0.0f);
+        if (out.size() > before) std::fill_n(e, 3, 0.0f);
       }
   };
   // Neighbours' deposits meet in a texel: one there for all of a block's.
@@ -276,7 +282,7 @@ void Source::spread_highlights() {
         continue;
       }
       Deposit& here = out.back();
-      for (std::size_t c = 0; c < 4; ++c) here.excess[c] += p.excess[c];
+      for (std::size_t c = 0; c < 3; ++c) here.excess[c] += p.excess[c];
       here.thin = std::min(here.thin, p.thin), here.wide = std::max(here.wide, p.wide);
     }
     of_block.clear();
@@ -294,8 +300,8 @@ void Source::spread_highlights() {
   });
   for (std::vector<Deposit>& some : deposits) {
     for (const Deposit& p : some) {
-      float* e = excess_at(p.face, p.x, p.y, true);
-      for (std::size_t c = 0; c < 4; ++c) e[c] += p.excess[c];
+      Highlights::Texel& texel = block_at(p.face, p.x, p.y, true)->add(Highlights::place(p.x, p.y));
+      for (std::size_t c = 0; c < 3; ++c) texel.excess[c] += p.excess[c];
       const SourceFace& s = faces_[static_cast<std::size_t>(p.face)];
       highlights_.slivers.push_back({layout_->direction(p.face, u_from_texel(p.x - apron_, s.size.width, placement_),
                                                         u_from_texel(p.y - apron_, s.size.height, placement_)),
@@ -316,13 +322,17 @@ void Source::copy_highlights(const Orphans& orphans) {
       copy.from_x[k] = std::clamp(x0 + (k & 1), apron_, apron_ + s.size.width - 1);
       copy.from_y[k] = std::clamp(y0 + (k >> 1), apron_, apron_ + s.size.height - 1);
       copy.weight[k] = (k & 1 ? fx : 1 - fx) * (k >> 1 ? fy : 1 - fy);
-      const float* e = excess_at(o.from_face, copy.from_x[k], copy.from_y[k], false);
-      any = any || (e && copy.weight[k] > 0 && (e[0] != 0 || e[1] != 0 || e[2] != 0));
+      const Highlights::Texel* texel = highlight_at(o.from_face, copy.from_x[k], copy.from_y[k]);
+      any = any || (texel && copy.weight[k] > 0 && texel->lit());
     }
     if (any) highlights_.copies.push_back(copy);
   });
-  for (const Highlights::Copy& c : highlights_.copies)
-    block_at(c.face, c.x, c.y, true)->repeats[Highlights::place(c.x, c.y)] = true;
+  for (const Highlights::Copy& c : highlights_.copies) {
+    Highlights::Block& block = *block_at(c.face, c.x, c.y, true);
+    block.add(Highlights::place(c.x, c.y));
+    block.repeats.add(Highlights::place(c.x, c.y));
+  }
+  for (Highlights::Block& block : highlights_.blocks) block.shrink();
   repeat_highlights();
   mark_highlights();
 }
@@ -341,8 +351,8 @@ void Source::mark_highlights() {
           for (int x = std::max(bx - side, 0); x < std::min(bx + 2 * side, s.columns); x += side)
             highlights_.touched[Highlights::block_number(s, x, y)] = 1;
         for (int k = 0; k < side * side; ++k) {
-          const float* e = block->excess[k];
-          if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
+          const Highlights::Texel* texel = block->find(k);
+          if (!texel || !texel->lit()) continue;
           for (int y = std::max(by + k / side - 1, 0); y <= by + k / side; ++y)
             for (int x = std::max(bx + k % side - 1, 0); x <= bx + k % side; ++x) {
               std::int32_t& index = highlights_.mask_index[Highlights::block_number(s, x, y)];
@@ -350,8 +360,7 @@ void Source::mark_highlights() {
                 index = static_cast<std::int32_t>(highlights_.masks.size());
                 highlights_.masks.push_back({});
               }
-              highlights_.masks[static_cast<std::size_t>(index)].rows[y % side] |=
-                  static_cast<std::uint16_t>(1u << (x % side));
+              highlights_.masks[static_cast<std::size_t>(index)].add(Highlights::place(x, y));
             }
         }
       }
@@ -359,26 +368,26 @@ void Source::mark_highlights() {
 
 void Source::repeat_highlights() {
   for (const Highlights::Copy& c : highlights_.copies) {
-    float sum[4]{};
+    float sum[3]{};
     for (int k = 0; k < 4; ++k) {
-      const float* e = excess_at(c.from_face, c.from_x[k], c.from_y[k], false);
-      if (!e) continue;
-      for (int i = 0; i < 4; ++i) sum[i] += c.weight[k] * e[i];
+      const Highlights::Texel* from = highlight_at(c.from_face, c.from_x[k], c.from_y[k]);
+      if (!from) continue;
+      for (int i = 0; i < 3; ++i) sum[i] += c.weight[k] * from->excess[i];
     }
-    std::copy_n(sum, 4, excess_at(c.face, c.x, c.y, true));
+    std::copy_n(sum, 3, highlight_at(c.face, c.x, c.y)->excess);
   }
 }
 
 void Source::add_highlights(int face, int x, int y, float fx, float fy, float* value) const {
   const SourceFace& s = faces_[static_cast<std::size_t>(face)];
   if (!highlights_.any() || !highlights_.reach(s, x, y)) return;
-  HighlightQuad<const Highlights::Block> quad;
+  HighlightQuad<const Highlights::Texel> quad;
   const Place place{x, y, fx, fy};
   quad.move(highlights_, s, static_cast<float>(face), place);
   for (int k = 0; k < 4; ++k) {
-    if (!quad.block[k]) continue;
+    if (!quad.texel[k]) continue;
     const float weight = quad.weight(k, place);
-    for (int c = 0; c < 4; ++c) value[c] += weight * quad.block[k]->excess[quad.texel[k]][c];
+    for (int c = 0; c < 3; ++c) value[c] += weight * quad.texel[k]->excess[c];
   }
 }
 
@@ -387,10 +396,10 @@ std::vector<StrandedEnergy> Source::conserve_highlights() {
   if (!highlights_.any()) return stranded;
   // What a repeated texel received came from its owners' excess.
   for (const Highlights::Copy& c : highlights_.copies) {
-    const std::uint64_t received = *received_at(c.face, c.x, c.y);
+    const std::uint64_t received = highlight_at(c.face, c.x, c.y)->received;
     for (int k = 0; k < 4; ++k)
-      if (std::uint64_t* owner = received_at(c.from_face, c.from_x[k], c.from_y[k]))
-        *owner += static_cast<std::uint64_t>(static_cast<double>(received) * static_cast<double>(c.weight[k]));
+      if (Highlights::Texel* owner = highlight_at(c.from_face, c.from_x[k], c.from_y[k]))
+        owner->received += static_cast<std::uint64_t>(static_cast<double>(received) * static_cast<double>(c.weight[k]));
   }
   constexpr int side = Highlights::side;
   for (int f = 0; f < layout_->face_count(); ++f) {
@@ -410,21 +419,21 @@ std::vector<StrandedEnergy> Source::conserve_highlights() {
       texel_solid_angles(*layout_, f, s.size, placement_, x0 - apron_, y0 - apron_, x1 - x0, y1 - y0, omega);
       for (int y = y0; y < y1; ++y)
         for (int x = x0; x < x1; ++x) {
-          float* e = block.excess[Highlights::place(x, y)];
-          if (e[0] == 0 && e[1] == 0 && e[2] == 0) continue;
-          // A texel of a face that the layout does not own at its centre.
-          if (block.repeats[Highlights::place(x, y)]) continue;
+          Highlights::Texel* texel = block.find(Highlights::place(x, y));
+          // A copy is of a face that the layout does not own at the texel's centre.
+          if (!texel || !texel->lit() || block.repeats.holds(Highlights::place(x, y))) continue;
+          float* e = texel->excess;
           const double own = omega[(y - y0) * (x1 - x0) + (x - x0)];
-          const double got = static_cast<double>(block.received[Highlights::place(x, y)]) * Highlights::received_unit;
+          const double got = static_cast<double>(texel->received) * Highlights::received_unit;
           if (got > 0) {
             const float scale = static_cast<float>(own / got);
-            for (int c = 0; c < 4; ++c) e[c] *= scale;
+            for (int c = 0; c < 3; ++c) e[c] *= scale;
             continue;
           }
-          StrandedEnergy lost;
+          StrandedEnergy lost{};
           lost.direction = layout_->direction(f, u_from_texel(x - apron_, s.size.width, placement_),
                                               u_from_texel(y - apron_, s.size.height, placement_));
-          for (int c = 0; c < 4; ++c) lost.energy[c] = own * static_cast<double>(e[c]), e[c] = 0;
+          for (int c = 0; c < 3; ++c) lost.energy[c] = own * static_cast<double>(e[c]), e[c] = 0;
           by_block[static_cast<std::size_t>(b)].push_back(lost);
         }
     });

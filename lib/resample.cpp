@@ -362,8 +362,8 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
   const std::size_t threads = options.threads > 0 ? std::min(cores, static_cast<std::size_t>(options.threads)) : cores;
   // Of each thread, besides its blocks: rows of samples, and a view of the common size.
   const std::size_t work = std::size_t{filter.kernel == Kernel::band_limited ? 2u : 1u} << 19;
-  // Highlights, of which there may be many; and which texels are owned, where not all are.
-  const std::size_t rest = (filter.limited ? source.texel_count() : 0) +
+  // Highlights, of which there may be more, and which texels are owned, where not all are.
+  const std::size_t rest = (filter.limited ? source.texel_count() * Highlights::usual_bytes : 0) +
                            (source.layout->info().domain == Domain::square ? 0 : source.texel_count());
   return out + (strips + copy) * 4 * sizeof(float) + rest + threads * (blocks + work);
 }

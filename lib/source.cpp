@@ -223,7 +223,7 @@ void Source::copy_row(int face, int x, int y, int count, float* out) const {
     if (!block) continue;
     for (int i = std::max(x, block_x); i < std::min(end, block_x + side); ++i) {
       const int k = Highlights::place(i, y);
-      if (block->split[k]) std::copy_n(block->base[k], channels_, out + (i - x) * channels_);
+      if (block->split.holds(k)) std::copy_n(block->find(k)->base, 3, out + (i - x) * channels_);
     }
   }
 }

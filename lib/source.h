@@ -52,27 +52,51 @@ struct Strip {
 /// Texels of apron on every side that reading with a kernel needs.
 int apron_width(Kernel kernel);
 
-/// The excess of highlights over the threshold, in blocks of texels; most blocks are absent.
+/// A set of a block's texels; see Highlights::place().
+struct BlockTexels {
+  static constexpr int side = 16;  ///< of a block, in padded texels
+  std::uint16_t rows[side]{};      ///< bit x of row y
+  bool holds(int place) const { return (rows[place / side] >> (place % side) & 1) != 0; }
+  void add(int place) { rows[place / side] |= static_cast<std::uint16_t>(1u << (place % side)); }
+};
+
+/// The excess of highlights over the threshold, by texel; in blocks, most of which are absent.  Of a texel in eight, at
+/// most (and a few about poles), so that they take some bytes a texel of the image even where lamps are everywhere.
 struct Highlights {
-  static constexpr int side = 16;                   ///< of a block, in padded texels
-  static constexpr double received_unit = 0x1p-50;  ///< of Block::received, in steradians
-  struct Block {
-    float excess[side * side][4];
-    float base[side * side][4];           ///< of split texels: what is left of them
-    bool split[side * side];              ///< true where the texel was split
-    bool repeats[side * side];            ///< true where the excess is a copy of its owners', and no energy of its own
-    std::uint64_t received[side * side];  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
+  static constexpr int side = BlockTexels::side;
+  static constexpr double received_unit = 0x1p-50;  ///< of Texel::received, in steradians
+  /// A texel of the image, to be reckoned with; up to 6 where lamps are everywhere (4 of Texel, 2 of Block and arrays).
+  static constexpr std::size_t usual_bytes = 1;
+  struct Texel {
+    std::uint64_t received = 0;  ///< solid angle that outputs gave to the texel, in units of 2^-50 sr
+    float excess[3]{};           ///< alpha has none
+    float base[3]{};             ///< of a split texel: what is left of it
+    bool lit() const { return excess[0] != 0 || excess[1] != 0 || excess[2] != 0; }
+  };
+  class Block {
+   public:
+    BlockTexels split;    ///< where base is the texel's
+    BlockTexels repeats;  ///< where the excess is a copy of its owners', and no energy of its own
+    /// The texel at a place, or nullptr.
+    Texel* find(int place) { return here_.holds(place) ? &texels_[number_[place]] : nullptr; }
+    const Texel* find(int place) const { return here_.holds(place) ? &texels_[number_[place]] : nullptr; }
+    /// The texel at a place, without an excess when it is new.  Moves others.
+    Texel& add(int place);
+    /// Gives back what was reserved for more.
+    void shrink() { texels_.shrink_to_fit(); }
+
+   private:
+    BlockTexels here_;
+    std::uint8_t number_[side * side];  // in texels_, of those that are here
+    std::vector<Texel> texels_;
   };
   std::vector<std::int32_t> index;  ///< [first_block + by * blocks + bx]: block number, or -1
   /// The same: 1 where a window of any kernel about a texel of the block may hold an excess.
   std::vector<std::uint8_t> touched;
   /// The same: number of the block's mask, or -1 where no bilinear read meets an excess.
   std::vector<std::int32_t> mask_index;
-  /// Bit x of row y is set where a bilinear read at that texel of the block meets one.
-  struct Mask {
-    std::uint16_t rows[side];
-  };
-  std::vector<Mask> masks;
+  /// Of blocks: the texels at which a bilinear read meets one.
+  std::vector<BlockTexels> masks;
   std::vector<Block> blocks;
   /// A texel outside its owner's face that repeats owners' excess: where from.
   struct Copy {
@@ -101,14 +125,14 @@ struct Highlights {
     return static_cast<std::size_t>(face.first_block + y / side * face.blocks + x / side);
   }
   /// The mask of the block of padded texel (x, y), or nullptr.
-  const Mask* mask_at(const SourceFace& face, int x, int y) const {
+  const BlockTexels* mask_at(const SourceFace& face, int x, int y) const {
     const std::int32_t i = mask_index[block_number(face, x, y)];
     return i < 0 ? nullptr : &masks[static_cast<std::size_t>(i)];
   }
   /// True when a bilinear read at padded texel (x, y) meets a highlight.
   bool reach(const SourceFace& face, int x, int y) const {
-    const Mask* mask = mask_at(face, x, y);
-    return mask && (mask->rows[y % side] >> (x % side) & 1) != 0;
+    const BlockTexels* mask = mask_at(face, x, y);
+    return mask && mask->holds(place(x, y));
   }
   /// True when a window of any kernel about it may.
   bool touch(const SourceFace& face, int x, int y) const { return touched[block_number(face, x, y)] != 0; }
@@ -120,14 +144,13 @@ struct StrandedEnergy {
   double energy[4];
 };
 
-/// The texels that a bilinear read takes, right of and below padded texel (x, y), and their blocks; absent ones are
-/// nullptr.  Samples in a row mostly share them.
-template <class Block>
+/// The texels that a bilinear read takes, right of and below padded texel (x, y); absent ones are nullptr.  Samples in
+/// a row mostly share them.
+template <class Texel>
 struct HighlightQuad {
   float face = -1;
   int x = 0, y = 0;
-  Block* block[4] = {};
-  int texel[4] = {};
+  Texel* texel[4] = {};
 
   bool is_at(float f, const Place& p) const { return f == face && p.x == x && p.y == y; }
   template <class AnyHighlights>
@@ -136,8 +159,8 @@ struct HighlightQuad {
     for (int k = 0; k < 4; ++k) {
       const int xx = x + (k & 1), yy = y + (k >> 1);
       const std::int32_t index = highlights.index[Highlights::block_number(source_face, xx, yy)];
-      block[k] = index < 0 ? nullptr : &highlights.blocks[static_cast<std::size_t>(index)];
-      texel[k] = Highlights::place(xx, yy);
+      texel[k] =
+          index < 0 ? nullptr : highlights.blocks[static_cast<std::size_t>(index)].find(Highlights::place(xx, yy));
     }
   }
   static float weight(int k, const Place& p) { return (k & 1 ? p.fx : 1 - p.fx) * (k >> 1 ? p.fy : 1 - p.fy); }
@@ -177,7 +200,7 @@ class Source {
   void add_highlights(int face, int x, int y, float fx, float fy, float* value) const;
 
   /// Scales every highlight so that what it gave to the output equals its own energy.  Called once, after all outputs'
-  /// shares were added to Highlights::Block::received.  Returns the energy of those that no sample met.
+  /// shares were added to Highlights::Texel::received.  Returns the energy of those that no sample met.
   std::vector<StrandedEnergy> conserve_highlights();
 
  private:
@@ -280,8 +303,7 @@ class Source {
   Rectangle rectangle(int face, int x, int y, int width, int height, float* copy) const;
   void write_row(int face, int x, int y, int count, const float* texels);
   Highlights::Block* block_at(int face, int x, int y, bool create);
-  float* excess_at(int face, int x, int y, bool create);
-  std::uint64_t* received_at(int face, int x, int y);
+  Highlights::Texel* highlight_at(int face, int x, int y);
 
   const Layout* layout_;
   Placement placement_;

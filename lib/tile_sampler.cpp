@@ -21,7 +21,7 @@ void for_each_near_highlight(const Source& source, const Workspace& w, int n, co
   constexpr int side = Highlights::side;
   int block_x = -1, block_y = -1;
   float face = -1;
-  const Highlights::Mask* mask = nullptr;
+  const BlockTexels* mask = nullptr;
   for (int s = 0; s < n; ++s) {
     const Place p = place_of(w.windows, s);
     if (p.x / side != block_x || p.y / side != block_y || w.face[s] != face) {
@@ -486,16 +486,12 @@ bool TileSampler::receive(Workspace& w, const Tile& tile, const TileHighlights& 
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   Highlights& highlights = source_.highlights();
   std::vector<double> omega;  // of the texels, once a highlight is met
-  HighlightQuad<Highlights::Block> quad;
+  HighlightQuad<Highlights::Texel> quad;
   std::uint64_t received[4] = {};  // by its texels, so far
   const auto flush = [&] {
     for (int k = 0; k < 4; ++k) {
-      if (quad.block[k] && received[k] > 0) {
-        const float* e = quad.block[k]->excess[quad.texel[k]];
-        if (e[0] != 0 || e[1] != 0 || e[2] != 0)
-          std::atomic_ref<std::uint64_t>(quad.block[k]->received[quad.texel[k]])
-              .fetch_add(received[k], std::memory_order_relaxed);
-      }
+      if (quad.texel[k] && received[k] > 0 && quad.texel[k]->lit())
+        std::atomic_ref<std::uint64_t>(quad.texel[k]->received).fetch_add(received[k], std::memory_order_relaxed);
       received[k] = 0;
     }
   };
@@ -523,7 +519,7 @@ bool TileSampler::receive(Workspace& w, const Tile& tile, const TileHighlights& 
       }
       for (int k = 0; k < 4; ++k)
         received[k] +=
-            static_cast<std::uint64_t>(share * static_cast<double>(HighlightQuad<Highlights::Block>::weight(k, p)));
+            static_cast<std::uint64_t>(share * static_cast<double>(HighlightQuad<Highlights::Texel>::weight(k, p)));
     });
   });
   flush();
@@ -534,7 +530,7 @@ bool TileSampler::receive(Workspace& w, const Tile& tile, const TileHighlights& 
 void TileSampler::second_pass(Workspace& w, const Tile& tile, const TileHighlights& lights) {
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const Highlights& highlights = source_.highlights();
-  HighlightQuad<const Highlights::Block> quad;
+  HighlightQuad<const Highlights::Texel> quad;
   double sums[largest_tile][4] = {};
   int row = -1;  // that they are of
   const auto store = [&] {
@@ -550,15 +546,14 @@ void TileSampler::second_pass(Workspace& w, const Tile& tile, const TileHighligh
       const SourceFace& f = source_.faces()[static_cast<std::size_t>(w.face[s])];
       const Place p = place_of(w.windows, s);
       if (!quad.is_at(w.face[s], p)) quad.move(highlights, f, w.face[s], p);
-      float value[4] = {};
+      float value[3] = {};
       for (int k = 0; k < 4; ++k) {
-        if (!quad.block[k]) continue;
-        const float weight = w.weight[s] * HighlightQuad<const Highlights::Block>::weight(k, p);
-        const float* excess = quad.block[k]->excess[quad.texel[k]];
-        for (int c = 0; c < 4; ++c) value[c] += weight * excess[c];
+        if (!quad.texel[k]) continue;
+        const float weight = w.weight[s] * HighlightQuad<const Highlights::Texel>::weight(k, p);
+        for (int c = 0; c < 3; ++c) value[c] += weight * quad.texel[k]->excess[c];
       }
       const int at = run.begin + s % n;
-      for (int c = 0; c < 4; ++c) sums[at][c] += static_cast<double>(value[c]) / static_cast<double>(w.total[at]);
+      for (int c = 0; c < 3; ++c) sums[at][c] += static_cast<double>(value[c]) / static_cast<double>(w.total[at]);
     });
   });
   store();
