@@ -17,7 +17,7 @@ constexpr int room = most_points * most_points + static_cast<int>(batch_padding)
 // Directions at a lattice of points, `step` texels apart, over the tile, what a grid's weights reach and a point more.
 class Lattice {
  public:
-  Lattice(const EnvImage& out, const Tile& tile, int step) : step_(step) {
+  Lattice(const EnvImage& out, const Tile& tile, int step) {
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
     across_ = (tile.width + 2 * reach + step - 1) / step + 3, down_ = (tile.height + 2 * reach + step - 1) / step + 3;
     ENVCONV_ASSERT(across_ <= most_points && down_ <= most_points);
@@ -64,7 +64,7 @@ class Lattice {
   }
 
  private:
-  int step_, across_ = 0, down_ = 0;
+  int across_ = 0, down_ = 0;
   alignas(64) float u_[room], v_[room], x_[room], y_[room], z_[room];
 };
 
