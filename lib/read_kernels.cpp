@@ -121,15 +121,15 @@ HWY_INLINE void tap_weights(V f, V (&w)[8]) {
   }
 }
 
-template <Kernel kernel>
-void windows_of(const FaceMaps& maps, int n, const float* HWY_RESTRICT face, const float* HWY_RESTRICT u,
-                const float* HWY_RESTRICT v, const float* HWY_RESTRICT weight, Windows& s) {
-  constexpr bool to_nearest = taps(kernel) % 2 == 1;
-  const hn::ScalableTag<float> d;
-  const hn::RebindToSigned<decltype(d)> di;
-  using V = hn::Vec<decltype(d)>;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  for (int i = 0; i < n; i += lanes) {
+// Places of samples in their faces' texels, in whole texels from (x, y) on.
+struct ByFace {
+  const FaceMaps& maps;
+  const float *HWY_RESTRICT face, *HWY_RESTRICT u, *HWY_RESTRICT v;
+  static constexpr std::int32_t x = 0, y = 0;
+
+  template <class D, class V = hn::Vec<D>>
+  HWY_INLINE void at(D d, int i, V& px, V& py) const {
+    const hn::RebindToSigned<D> di;
     // Neighbours mostly share a face, and gathers are slow.
     const V faces = hn::LoadU(d, face + i);
     V scale_u, bias_u, scale_v, bias_v;
@@ -142,15 +142,49 @@ void windows_of(const FaceMaps& maps, int n, const float* HWY_RESTRICT face, con
       scale_u = hn::GatherIndex(d, maps.scale_u, f), bias_u = hn::GatherIndex(d, maps.bias_u, f);
       scale_v = hn::GatherIndex(d, maps.scale_v, f), bias_v = hn::GatherIndex(d, maps.bias_v, f);
     }
-    const V x = hn::MulAdd(hn::LoadU(d, u + i), scale_u, bias_u);
-    const V y = hn::MulAdd(hn::LoadU(d, v + i), scale_v, bias_v);
+    px = hn::MulAdd(hn::LoadU(d, u + i), scale_u, bias_u);
+    py = hn::MulAdd(hn::LoadU(d, v + i), scale_v, bias_v);
+  }
+};
+
+template <class V>
+HWY_INLINE V steps_along(float first, float step, int i) {
+  const hn::DFromV<V> d;
+  return hn::MulAdd(hn::Iota(d, static_cast<float>(i)), hn::Set(d, step), hn::Set(d, first));
+}
+
+struct ByRow {
+  const RowMap& row;
+  float first, step;
+  int begin;
+  std::int32_t x, y;
+
+  template <class D, class V = hn::Vec<D>>
+  HWY_INLINE void at(D d, int i, V& px, V& py) const {
+    const V s = steps_along<V>(first, step, i - begin);
+    px = hn::Min(hn::Max(polynomial<5, 1>(s, row.to_x), hn::Set(d, row.left)), hn::Set(d, row.right));
+    py = hn::Min(hn::Max(polynomial<5, 1>(s, row.to_y), hn::Set(d, row.top)), hn::Set(d, row.bottom));
+  }
+};
+
+// Samples [begin, end).
+template <Kernel kernel, class Places>
+void windows_of(const Places& places, int begin, int end, const float* HWY_RESTRICT weight, Windows& s) {
+  constexpr bool to_nearest = taps(kernel) % 2 == 1;
+  const hn::ScalableTag<float> d;
+  const hn::RebindToSigned<decltype(d)> di;
+  using V = hn::Vec<decltype(d)>;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int i = begin; i < end; i += lanes) {
+    V x, y;
+    places.at(d, i, x, y);
     const V half = hn::Set(d, 0.5f);
     const V x0 = hn::Floor(to_nearest ? hn::Add(x, half) : x), y0 = hn::Floor(to_nearest ? hn::Add(y, half) : y);
     const V fx = hn::Sub(x, x0), fy = hn::Sub(y, y0);
-    hn::Store(hn::ConvertTo(di, x0), di, s.x + i);
-    hn::Store(hn::ConvertTo(di, y0), di, s.y + i);
-    hn::Store(fx, d, s.fx + i);
-    hn::Store(fy, d, s.fy + i);
+    hn::StoreU(hn::Add(hn::ConvertTo(di, x0), hn::Set(di, places.x)), di, s.x + i);
+    hn::StoreU(hn::Add(hn::ConvertTo(di, y0), hn::Set(di, places.y)), di, s.y + i);
+    hn::StoreU(fx, d, s.fx + i);
+    hn::StoreU(fy, d, s.fy + i);
     if constexpr (kernel != Kernel::lanczos3) {
       const V w = hn::LoadU(d, weight + i);
       V a[8];
@@ -158,12 +192,12 @@ void windows_of(const FaceMaps& maps, int n, const float* HWY_RESTRICT face, con
       hn::StoreInterleaved4(a[0], a[1], a[2], a[3], d, s.wx[0] + 4 * i);
       if constexpr (taps(kernel) > 4) hn::StoreInterleaved4(a[4], a[5], a[6], a[7], d, s.wx[1] + 4 * i);
       tap_weights<kernel>(fy, a);
-      for (int k = 0; k < taps(kernel); ++k) hn::Store(hn::Mul(w, a[k]), d, s.wy[k] + i);
+      for (int k = 0; k < taps(kernel); ++k) hn::StoreU(hn::Mul(w, a[k]), d, s.wy[k] + i);
     }
   }
   if constexpr (kernel == Kernel::lanczos3) {
     const LanczosTable& table = lanczos_table();
-    for (int i = 0; i < n; ++i) {
+    for (int i = begin; i < end; ++i) {
       const auto fill = [&](float f, const auto& put) {
         const float t = f * 1024.0f;
         const int k = std::min(static_cast<int>(t), 1023);
@@ -179,16 +213,33 @@ void windows_of(const FaceMaps& maps, int n, const float* HWY_RESTRICT face, con
   }
 }
 
+template <class Places>
+void windows_of(Kernel kernel, const Places& places, int begin, int end, const float* weight, Windows& windows) {
+  switch (kernel) {
+    case Kernel::nearest: return windows_of<Kernel::nearest>(places, begin, end, weight, windows);
+    case Kernel::bilinear: return windows_of<Kernel::bilinear>(places, begin, end, weight, windows);
+    case Kernel::catmull_rom: return windows_of<Kernel::catmull_rom>(places, begin, end, weight, windows);
+    case Kernel::band_limited: return windows_of<Kernel::band_limited>(places, begin, end, weight, windows);
+    case Kernel::drooping: return windows_of<Kernel::drooping>(places, begin, end, weight, windows);
+    case Kernel::lanczos3: return windows_of<Kernel::lanczos3>(places, begin, end, weight, windows);
+  }
+}
+
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows) {
-  switch (kernel) {
-    case Kernel::nearest: return windows_of<Kernel::nearest>(maps, n, face, u, v, weight, windows);
-    case Kernel::bilinear: return windows_of<Kernel::bilinear>(maps, n, face, u, v, weight, windows);
-    case Kernel::catmull_rom: return windows_of<Kernel::catmull_rom>(maps, n, face, u, v, weight, windows);
-    case Kernel::band_limited: return windows_of<Kernel::band_limited>(maps, n, face, u, v, weight, windows);
-    case Kernel::drooping: return windows_of<Kernel::drooping>(maps, n, face, u, v, weight, windows);
-    case Kernel::lanczos3: return windows_of<Kernel::lanczos3>(maps, n, face, u, v, weight, windows);
-  }
+  windows_of(kernel, ByFace{maps, face, u, v}, 0, n, weight, windows);
+}
+
+void make_windows_along(const RowMap& row, Kernel kernel, float first, float step, int begin, int n,
+                        const float* weight, Windows& windows) {
+  windows_of(kernel, ByRow{row, first, step, begin, row.x, row.y}, begin, begin + n, weight, windows);
+}
+
+void evaluate_quartic(const float c[5], float first, float step, int n, float* HWY_RESTRICT out) {
+  const hn::ScalableTag<float> d;
+  using V = hn::Vec<decltype(d)>;
+  for (int i = 0; i < n; i += static_cast<int>(hn::Lanes(d)))
+    hn::StoreU(polynomial<5, 1>(steps_along<V>(first, step, i), c), d, out + i);
 }
 
 int point_windows(const WindowField& field, int channels, const float* HWY_RESTRICT face, int begin, int n,
@@ -532,6 +583,8 @@ HWY_AFTER_NAMESPACE();
 namespace envconv {
 
 HWY_EXPORT(make_windows);
+HWY_EXPORT(make_windows_along);
+HWY_EXPORT(evaluate_quartic);
 HWY_EXPORT(sum_windows);
 HWY_EXPORT(interpolate_sinc);
 HWY_EXPORT(combine_samples);
@@ -543,6 +596,15 @@ HWY_EXPORT(rotate_directions);
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows) {
   HWY_DYNAMIC_DISPATCH(make_windows)(maps, kernel, n, face, u, v, weight, windows);
+}
+
+void make_windows_along(const RowMap& row, Kernel kernel, float first, float step, int begin, int n,
+                        const float* weight, Windows& windows) {
+  HWY_DYNAMIC_DISPATCH(make_windows_along)(row, kernel, first, step, begin, n, weight, windows);
+}
+
+void evaluate_quartic(const float c[5], float first, float step, int n, float* out) {
+  HWY_DYNAMIC_DISPATCH(evaluate_quartic)(c, first, step, n, out);
 }
 
 int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows) {

@@ -58,6 +58,22 @@ inline Place place_of(const Windows& windows, int s) {
 void make_windows(const FaceMaps& maps, Kernel kernel, int n, const float* face, const float* u, const float* v,
                   const float* weight, Windows& windows);
 
+/// A row of samples by polynomials of fourth degree: texel x + sum over k of to_x[k] s^k, and the same for y; not
+/// beyond left, right ... of (x, y).
+struct RowMap {
+  std::int32_t x, y;
+  float left, right, top, bottom;
+  float to_x[5], to_y[5];
+};
+
+/// The windows of samples [begin, begin + n) of a batch, at s = first, first + step ...; up to 16 after them are
+/// touched.  weight: of each sample of the batch.
+void make_windows_along(const RowMap& row, Kernel kernel, float first, float step, int begin, int n,
+                        const float* weight, Windows& windows);
+
+/// out[i] = sum over k of c[k] s^k at s = first + i * step, for i < n; n rounded up to 16 are touched.
+void evaluate_quartic(const float c[5], float first, float step, int n, float* out);
+
 /// Points the windows from sample `begin` on at a field of `channels` floats a texel, up to the first sample that lies
 /// elsewhere: in another face or outside the field.  Returns that sample, or n.  At least one is pointed.
 int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows);

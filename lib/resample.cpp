@@ -6,6 +6,9 @@
 // the source's texels are slivers (latlong at its poles) their short side counts as no less than the long one over
 // sliver_limit; for plain filters only the long one counts.
 //
+// Where in the source samples lie is computed for each of them only where it must be: most tiles see one face, and see
+// it so smoothly that a polynomial through a few points of theirs is the formula to 2e-4 texels (TileMap).
+//
 // The integral over a footprint is over solid angle.  It is taken in one of three ways.
 // - Grid, for "auto" where the density is smooth.  Samples lie in equal steps over the tile and a few beyond it, as
 //   densely as the source's texels (grid_spacing), not the output's: 1, 5/4, 3/2 ... in a texel.  Every texel takes

@@ -82,14 +82,6 @@ int samples_of(const Filter& filter, double texels) {
   return std::max(filter.least_samples, static_cast<int>(std::min(wanted, 4096.0)));
 }
 
-// Lagrange's polynomials through -2, -1, 0, 1, 2: [node][power].
-constexpr double lagrange[5][5] = {{0, 2.0 / 24, -1.0 / 24, -2.0 / 24, 1.0 / 24},
-                                   {0, -4.0 / 6, 4.0 / 6, 1.0 / 6, -1.0 / 6},
-                                   {1, 0, -5.0 / 4, 0, 1.0 / 4},
-                                   {0, 4.0 / 6, 4.0 / 6, -1.0 / 6, -1.0 / 6},
-                                   {0, -2.0 / 24, -1.0 / 24, 2.0 / 24, 1.0 / 24}};
-static_assert(TilePlan::nodes_x == 5 && TilePlan::nodes_y == 5);
-
 }  // namespace
 
 void TexelMask::add(int left, int top, int right, int bottom, const Tile& tile) {
@@ -118,6 +110,7 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
       const DirectionJet jet = out.layout->direction_jet(tile.face, u, v);
       const double density = length(cross(jet.du, jet.dv));
       plan.density[j][i] = out.layout->info().equal_area ? 1.0 : std::isfinite(density) ? density : 0.0;
+      plan.to[j][i] = source_from_out * jet.d;
       if (i % 2 || j % 2) continue;
       const Footprint f = footprint(source, out, source_from_out, filter, tile.face, u, v, jet);
       const Image& s = source.faces[static_cast<std::size_t>(f.at.face)];
@@ -159,27 +152,6 @@ TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& sour
     plan.kv = samples_of(filter, plan.need_v);
   }
   return plan;
-}
-
-void smooth_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,
-                      float* __restrict out) {
-  const double t = 4 * y / tile.height - 2;
-  double rows[5], columns[5] = {};
-  for (int k = 0; k < 5; ++k)
-    rows[k] = (((lagrange[k][4] * t + lagrange[k][3]) * t + lagrange[k][2]) * t + lagrange[k][1]) * t + lagrange[k][0];
-  for (int k = 0; k < 5; ++k)
-    for (int i = 0; i < 5; ++i) columns[i] += rows[k] * plan.density[k][i];
-  float c[5];
-  for (int m = 0; m < 5; ++m) {
-    double sum = 0;
-    for (int i = 0; i < 5; ++i) sum += lagrange[i][m] * columns[i];
-    c[m] = static_cast<float>(sum);
-  }
-  const float first = static_cast<float>(4 * x / tile.width - 2), by = static_cast<float>(4 * step / tile.width);
-  for (int i = 0; i < n; ++i) {
-    const float s = first + static_cast<float>(i) * by;
-    out[i] = (((c[4] * s + c[3]) * s + c[2]) * s + c[1]) * s + c[0];
-  }
 }
 
 void creased_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n,

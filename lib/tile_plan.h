@@ -47,6 +47,7 @@ struct SourceView {
 struct TilePlan {
   static constexpr int nodes_x = 5, nodes_y = 5;
   double density[nodes_y][nodes_x];  ///< |dd/du x dd/dv| at equal steps from edge to edge; 1 for equal-area layouts
+  Vec3 to[nodes_y][nodes_x];         ///< where these look, in the source's axes
   double need_u = 0, need_v = 0;     ///< source texels along a texel's sides, at most
   /// The same of its quarters: [lower][right].
   struct Need {
@@ -65,11 +66,8 @@ struct TilePlan {
 TilePlan plan_tile(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                    const ResampleOptions& options, const Tile& tile);
 
-/// Density relative to neighbours at n equal steps along a row of the tile, by the polynomial through all of the plan's
-/// nodes; x, step and y in texels, from the tile's corner.
-void smooth_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* out);
-
-/// The same where the density has creases: bilinear between nodes, and on beyond them.
+/// Density relative to neighbours at n equal steps along a row of a tile where it has creases: bilinear between nodes,
+/// and on beyond them.  x, step and y in texels, from the tile's corner.
 void creased_densities(const TilePlan& plan, const Tile& tile, double x, double step, double y, int n, float* out);
 
 /// The relative change of the density per texel, along both axes, at texels [begin, end) of row j: bilinear between the

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <span>
@@ -156,7 +157,7 @@ void TileSampler::read(Kernel kernel, Workspace& w, int count, float* out) const
 }
 
 // One sample in each texel, which needs no weights: several rows at once.  Beyond a disc's rim, where that is nearest.
-void TileSampler::point_pass(Workspace& w, const Tile& tile, TexelMask& met) {
+void TileSampler::point_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met) {
   constexpr int batch = 256;
   static_assert(batch >= largest_tile);
   Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
@@ -164,6 +165,8 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile, TexelMask& met) {
   const double first = u_from_texel(tile.x0, face.width(), out_.placement);
   const double step = texel_extent(face.width(), out_.placement);
   const bool outside = rim_side(out_, tile) == RimSide::outside;
+  const std::optional<TileMap> map = this->map(tile, tile_plan, 0);
+  if (map) std::fill_n(w.face, batch, static_cast<float>(map->face()));
   const auto fill_u = [&] {
     for (int row = 0; row < rows; ++row)
       for (int i = 0; i < n; ++i) w.u[row * n + i] = static_cast<float>(first + i * step);
@@ -174,17 +177,24 @@ void TileSampler::point_pass(Workspace& w, const Tile& tile, TexelMask& met) {
   for (int j = 0; j < tile.height; j += rows) {
     const int count = std::min(rows, tile.height - j) * n;
     const auto padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
-    for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
-      std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(y, face.height(), out_.placement)));
-    if (outside) {
-      fill_u();
-      take_to_rim(count, w.u, w.v);
-    }
-    std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
-    out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
     // Beyond the rim, where nothing is integrated, the source is read as it is, away from highlights.
     Kernel kernel = outside && taps(filter_.kernel) > taps(Kernel::bilinear) ? Kernel::bilinear : filter_.kernel;
-    find_windows(kernel, w, count);
+    if (map) {
+      const float first_s = static_cast<float>(tile_variable(0.5, n)), step_s = 4.0f / static_cast<float>(n);
+      for (int s = 0; s < count; s += n)
+        make_windows_along(map->row(tile_variable(j + s / n + 0.5, tile.height)), kernel, first_s, step_s, s, n,
+                           w.weight, w.windows);
+    } else {
+      for (int s = 0, y = tile.y0 + j; s < count; s += n, ++y)
+        std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(y, face.height(), out_.placement)));
+      if (outside) {
+        fill_u();
+        take_to_rim(count, w.u, w.v);
+      }
+      std::fill(w.u + count, w.u + padded, w.u[0]), std::fill(w.v + count, w.v + padded, w.v[0]);
+      out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+      find_windows(kernel, w, count);
+    }
     if (kernel != filter_.kernel && touches_highlight(source_, w, count)) {
       kernel = filter_.kernel;
       make_windows(source_.maps(), kernel, count, w.face, w.su, w.sv, w.weight, w.windows);
@@ -225,13 +235,29 @@ bool TileSampler::grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan
   const int stored = image_.channels.count();
   int texel = 0;  // row of the tile that is next
   Course course;
+  const std::optional<TileMap> map = creased ? std::nullopt : this->map(tile, plan, grid_reach);
+  if (map) std::fill_n(w.face, padded, static_cast<float>(map->face()));
+  const TilePolynomial density(plan.density);
+  const float first_s = static_cast<float>(tile_variable(first_u, tile.width));
+  const float step_s = static_cast<float>(4 * step_u / tile.width);
   for (int row = 0; row < nv; ++row) {
     const double y = (row - qv.before() + 0.5) * step_v;
-    const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out_.placement));
-    std::fill_n(w.v, padded, v);
-    if (!even) (creased ? creased_densities : smooth_densities)(plan, tile, first_u, step_u, y, nu, w.weight);
-    out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-    find_windows(kernel, w, nu);
+    const double t = tile_variable(y, tile.height);
+    if (!even && creased) {
+      creased_densities(plan, tile, first_u, step_u, y, nu, w.weight);
+    } else if (!even) {
+      float powers[5];
+      density.row(t, powers);
+      evaluate_quartic(powers, first_s, step_s, nu, w.weight);
+    }
+    if (map) {
+      make_windows_along(map->row(t), kernel, first_s, step_s, 0, nu, w.weight, w.windows);
+    } else {
+      const float v = static_cast<float>(u_from_texel(tile.y0 - 0.5 + y, face.height(), out_.placement));
+      std::fill_n(w.v, padded, v);
+      out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+      find_windows(kernel, w, nu);
+    }
     if (highlights.any()) {
       if (kernel == Kernel::drooping && touches_highlight(source_, w, nu)) return false;
       const int j = static_cast<int>(std::floor(y));
@@ -284,7 +310,8 @@ void TileSampler::store_run(Workspace& w, const Tile& tile, int j, Run run) {
 // the workspace's face, su, sv and weight filled in.  workspace.total holds each texel's sum of weights from the start.
 template <class Visit>
 void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu,
-                             const Quadrature& qv, int j, Run run, Workspace& w, const Visit& visit) const {
+                             const Quadrature& qv, const TileMap* map, int j, Run run, Workspace& w,
+                             const Visit& visit) const {
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const int n = run.end - run.begin, x0 = tile.x0 + run.begin;
   alignas(64) float slopes_x[largest_tile], slopes_y[largest_tile];  // relative change of the density per texel
@@ -323,9 +350,12 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
     }
   }
   const int per_call = std::max(1, most_samples / n);
+  if (map) std::fill_n(w.face, std::min(per_call, qu.count()) * n, static_cast<float>(map->face()));
   for (int m = 0; m < qv.count(); ++m) {
     const double offset_y = qv.offset[static_cast<std::size_t>(m)];
     const float v = static_cast<float>(u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement));
+    RowMap along;
+    if (map) along = map->row(tile_variable(j + 0.5 + offset_y, tile.height));
     for (int k0 = 0; k0 < qu.count(); k0 += per_call) {
       const int columns = std::min(per_call, qu.count() - k0);
       const int count = columns * n;
@@ -339,8 +369,14 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
         const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
         float* __restrict us = w.u + s;
         float* __restrict ws = w.weight + s;
-        for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
         for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
+        if (map) {
+          make_windows_along(along, kernel, static_cast<float>(tile_variable(run.begin + 0.5 + offset_x, tile.width)),
+                             4.0f / static_cast<float>(tile.width), s, n, w.weight, w.windows);
+          s += n;
+          continue;
+        }
+        for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
         std::fill_n(w.v + s, n, v);
         s += n;
         if (!any_cut) continue;
@@ -355,6 +391,10 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
           w.u[at] = static_cast<float>(0.5 + 0.5 * a / r * (1 - 1e-6));
           w.v[at] = static_cast<float>(0.5 + 0.5 * b / r * (1 - 1e-6));
         }
+      }
+      if (map) {
+        visit(count);
+        continue;
       }
       for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
       const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
@@ -380,7 +420,7 @@ void TileSampler::first_pass(Workspace& w, const Tile& tile, std::unique_ptr<Til
 }
 
 void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met) {
-  if (rim_side(out_, tile) == RimSide::outside) return point_pass(w, tile, met);
+  if (rim_side(out_, tile) == RimSide::outside) return point_pass(w, tile, tile_plan, met);
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
   const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth;
   // Only the parts that a disc's rim crosses go without a grid, and only those that need it take many samples.
@@ -403,7 +443,8 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
   const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
                               on_grid(w, tile, tile_plan, creased.any, Kernel::band_limited, met));
   if (!on_it) {
-    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside) return point_pass(w, tile, met);
+    if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside)
+      return point_pass(w, tile, tile_plan, met);
     texel_pass(w, tile, tile_plan, nullptr, met);
   }
   if (!creased.any) return;
@@ -430,6 +471,8 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
     if (rim_side(out_, {tile.face, tile.x0 + i, tile.y0 + j, 1, 1}) == RimSide::outside) return std::pair{1, 1};
     return texel_samples(image_, out_, source_from_out_, filter_, tile.face, tile.x0 + i, tile.y0 + j);
   };
+  std::optional<TileMap> map;
+  if (!only) map = this->map(tile, tile_plan, 0.5 * (filter_.window - 1));
   for (int j = 0; j < tile.height; ++j) {
     std::pair<int, int> next = samples(0, j);
     for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
@@ -442,20 +485,21 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
       // A texel on a singular point may take millions of samples: batches are added up in double.
       double sum[largest_tile][4] = {};
       const int n = run.end - run.begin;
-      sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), j, run, w, [&](int count) {
-        if (source_.highlights().any())
-          for_each_near_highlight(source_, w, count, [&](int s) {
-            const int i = run.begin + s % n;
-            met.add(i - 1, j - 1, i + 2, j + 2, tile);
-          });
-        read(filter_.kernel, w, count, w.samples);
-        for (int i = 0; i < n; ++i) {
-          float batch[4] = {};
-          for (int s = i; s < count; s += n)
-            for (int c = 0; c < 4; ++c) batch[c] += w.samples[4 * s + c];
-          for (int c = 0; c < 4; ++c) sum[i][c] += static_cast<double>(batch[c]);
-        }
-      });
+      sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), map ? &*map : nullptr, j, run,
+                 w, [&](int count) {
+                   if (source_.highlights().any())
+                     for_each_near_highlight(source_, w, count, [&](int s) {
+                       const int i = run.begin + s % n;
+                       met.add(i - 1, j - 1, i + 2, j + 2, tile);
+                     });
+                   read(filter_.kernel, w, count, w.samples);
+                   for (int i = 0; i < n; ++i) {
+                     float batch[4] = {};
+                     for (int s = i; s < count; s += n)
+                       for (int c = 0; c < 4; ++c) batch[c] += w.samples[4 * s + c];
+                     for (int c = 0; c < 4; ++c) sum[i][c] += static_cast<double>(batch[c]);
+                   }
+                 });
       for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i / 4][i % 4]);
       store_run(w, tile, j, run);
     }
@@ -466,6 +510,11 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
 template <class Visit>
 void TileSampler::sample_met(Workspace& w, const Tile& tile, const TileHighlights& lights, const Visit& visit) {
   const TilePlan tile_plan = plan(tile);
+  constexpr int many = 256;  // texels, of which some samples' formulas take longer than a map
+  int met_texels = 0;
+  for (const std::uint64_t row : lights.met.rows) met_texels += std::popcount(row);
+  std::optional<TileMap> map;
+  if (met_texels >= many) map = this->map(tile, tile_plan, 0.5 * (filter_.window - 1));
   for (int j = 0; j < tile.height; ++j) {
     if (lights.met.rows[j] == 0) continue;
     for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
@@ -476,7 +525,8 @@ void TileSampler::sample_met(Workspace& w, const Tile& tile, const TileHighlight
       if (!met) continue;
       const int least = sliver ? lights.sliver_samples : 1;
       sample_row(Kernel::bilinear, tile, tile_plan, tables_.nodes(std::max(tile_plan.ku, least)),
-                 tables_.nodes(std::max(tile_plan.kv, least)), j, run, w, [&](int count) { visit(j, run, count); });
+                 tables_.nodes(std::max(tile_plan.kv, least)), map ? &*map : nullptr, j, run, w,
+                 [&](int count) { visit(j, run, count); });
     }
   }
 }

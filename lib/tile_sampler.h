@@ -12,6 +12,7 @@
 #include "scattered_windows.h"
 #include "source.h"
 #include "source_blocks.h"
+#include "tile_map.h"
 #include "tile_plan.h"
 
 namespace envconv {
@@ -64,18 +65,21 @@ class TileSampler {
   void point(Kernel kernel, Workspace& w, int count) const;
   void gather(Kernel kernel, Workspace& w, int count) const;
   void read(Kernel kernel, Workspace& w, int count, float* out) const;
-  void point_pass(Workspace& w, const Tile& tile, TexelMask& met);
+  void point_pass(Workspace& w, const Tile& tile, const TilePlan& plan, TexelMask& met);
   void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only, TexelMask& met);
   bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, TexelMask& met);
   bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
                  const GridQuadrature& qu, const GridQuadrature& qv, TexelMask& met);
   template <class Visit>
   void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
-                  int j, Run run, Workspace& w, const Visit& visit) const;
+                  const TileMap* map, int j, Run run, Workspace& w, const Visit& visit) const;
   void store_run(Workspace& w, const Tile& tile, int j, Run run);
   template <class Visit>
   void sample_met(Workspace& w, const Tile& tile, const TileHighlights& lights, const Visit& visit);
   bool receive(Workspace& w, const Tile& tile, const TileHighlights& lights);
+  std::optional<TileMap> map(const Tile& tile, const TilePlan& plan, double reach) const {
+    return TileMap::find(source_, out_, source_from_out_, tile, plan, reach);
+  }
   TilePlan plan(const Tile& tile) const { return plan_tile(image_, out_, source_from_out_, filter_, options_, tile); }
 
   const EnvImage& image_;

@@ -36,6 +36,7 @@ set(tests
   scratch_test
   texel_format_test
   seam_test
+  tile_map_test
   tiny_test)
 foreach(test IN LISTS tests)
   envconv_test(${test})
