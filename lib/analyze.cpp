@@ -177,11 +177,6 @@ Stretch stretch(const Layout& layout, int face, double u, double v) {
   return stretch_of(layout.direction_jet(face, u, v), layout.info().faces[static_cast<std::size_t>(face)].aspect);
 }
 
-double solid_angle_density(const Layout& layout, int face, double u, double v) {
-  const DirectionJet jet = layout.direction_jet(face, u, v);
-  return length(cross(jet.du, jet.dv));
-}
-
 const LayoutFigures& figures(const Layout& layout) {
   static std::mutex mutex;
   static std::map<std::string_view, LayoutFigures> cache;  // a map's entries stay where they are

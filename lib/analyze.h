@@ -17,9 +17,6 @@ struct Stretch {
 /// Stretch at a face point, u measured in units of the face's height too (so u spans [0, aspect]).
 Stretch stretch(const Layout& layout, int face, double u, double v);
 
-/// Solid angle per unit of u and v, |dd/du x dd/dv|, in steradians.
-double solid_angle_density(const Layout& layout, int face, double u, double v);
-
 /// Measured figures.
 struct LayoutFigures {
   /// Sampling requirement (Snyder & Mitchell 2001; Herron's equation 6): the sum over faces of area x the square of the

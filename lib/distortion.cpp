@@ -97,8 +97,8 @@ void Plot::heat(const Panel& panel, const Cell& cell, int face, int x0, int y0) 
         continue;
       }
       const Stretch s = stretch(layout, face, u, v);
-      const double value = panel.density ? solid_angle_density(layout, face, u, v) / (aspect * area) / mean
-                                         : s.largest / std::max(s.smallest, 1e-12);
+      const double value =
+          panel.density ? layout.density(face, u, v) / (aspect * area) / mean : s.largest / std::max(s.smallest, 1e-12);
       const Rgb color = scale_color(panel.shade(value));
       for (std::size_t c = 0; c < 3; ++c) pixel[c] = static_cast<float>(color[c]);
     }

@@ -62,6 +62,7 @@ struct LayoutKernels {
   LayoutInfo (*info)();
   Vec3 (*direction)(int face, double u, double v);
   DirectionJet (*direction_jet)(int face, double u, double v);
+  double (*density)(int face, double u, double v);
   Location (*locate)(Vec3 d);
   int (*owner)(int face, double u, double v);  // the face that owns the direction of a face point
   void (*directions)(int face, std::size_t n, const float* u, const float* v, float* x, float* y, float* z);
@@ -91,6 +92,11 @@ class Layout {
   DirectionJet direction_jet(int face, double u, double v) const {
     ENVCONV_ASSERT(has_face(face));
     return kernels_.direction_jet(face, u, v);
+  }
+  /// Solid angle per unit of u and of v, in steradians: |dd/du x dd/dv|.
+  double density(int face, double u, double v) const {
+    ENVCONV_ASSERT(has_face(face));
+    return kernels_.density(face, u, v);
   }
   /// The face that owns direction d (any finite length > 0), and where on it; u and v are in [0,1].
   Location locate(Vec3 d) const {

@@ -117,6 +117,16 @@ DirectionJet direction_jet(int face, double u, double v) {
   d = normalized(d);
   return {{d.x.v, d.y.v, d.z.v}, {d.x.du, d.y.du, d.z.du}, {d.x.dv, d.y.dv, d.z.dv}};
 }
+// The layout's own formula, where it has one: a tenth of the time.
+template <class Kernel>
+double density_double(int face, double u, double v) {
+  if constexpr (requires { Kernel::density(face, u, v); }) {
+    return Kernel::density(face, u, v);
+  } else {
+    const DirectionJet jet = direction_jet<Kernel>(face, u, v);
+    return length(cross(jet.du, jet.dv));
+  }
+}
 template <class Kernel>
 Location locate_double(Vec3 d) {
   double face, u, v;
@@ -150,6 +160,7 @@ HWY_AFTER_NAMESPACE();
     return {target::symbol::info,                                                                                \
             target::direction_double<target::symbol>,                                                            \
             target::direction_jet<target::symbol>,                                                               \
+            target::density_double<target::symbol>,                                                              \
             target::locate_double<target::symbol>,                                                               \
             target::owner_double<target::symbol>,                                                                \
             [](int face, std::size_t n, const float* u, const float* v, float* x, float* y, float* z) {          \

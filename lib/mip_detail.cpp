@@ -189,7 +189,7 @@ MipDetail::Grown MipDetail::grow(int k, int f, int apron_x, int apron_y) const {
   tbb::parallel_for(0, grown.rows / step + 2, [&](int y) {
     for (int x = 0; x < across; ++x)
       density[static_cast<std::size_t>(y) * static_cast<std::size_t>(across) + static_cast<std::size_t>(x)] =
-          static_cast<float>(unit * solid_angle_density(layout, f, column(x * step), row(y * step)));
+          static_cast<float>(unit * layout.density(f, column(x * step), row(y * step)));
   });
   constexpr int band = 32;
   tbb::parallel_for(0, (grown.rows + band - 1) / band, [&](int b) {

@@ -90,8 +90,8 @@ double SunCover::solid_angle(const Box& box) const {
   constexpr double t = 0.28867513459481287;  // two Gauss-Legendre points a side
   double sum = 0;
   for (int k = 0; k < 4; ++k)
-    sum += solid_angle_density(layout_, face_, box.u0 + box.width * (0.5 + (k % 2 ? t : -t)),
-                               box.v0 + box.height * (0.5 + (k / 2 ? t : -t)));
+    sum += layout_.density(face_, box.u0 + box.width * (0.5 + (k % 2 ? t : -t)),
+                           box.v0 + box.height * (0.5 + (k / 2 ? t : -t)));
   return 0.25 * sum * box.width * box.height;
 }
 

@@ -43,11 +43,6 @@ struct Grid {
   bool cut_by_seams() const { return owned_only && layout.info().domain != Domain::square; }
 };
 
-double density(const Layout& layout, int face, double u, double v) {
-  const DirectionJet jet = layout.direction_jet(face, u, v);
-  return length(cross(jet.du, jet.dv));
-}
-
 // Gauss-Legendre abscissae on [0,1] with four nodes: exact for polynomials of degree 7.
 constexpr std::array<double, 4> nodes = {0.0694318442029737, 0.3300094782075719, 0.6699905217924281,
                                          0.9305681557970263};
@@ -63,7 +58,7 @@ double gauss(const Layout& layout, int face, Interval u, Interval v, const std::
              const std::array<double, n>& weight) {
   double sum = 0;
   for (std::size_t j = 0; j < n; ++j)
-    for (std::size_t i = 0; i < n; ++i) sum += weight[i] * weight[j] * density(layout, face, u.at(at[i]), v.at(at[j]));
+    for (std::size_t i = 0; i < n; ++i) sum += weight[i] * weight[j] * layout.density(face, u.at(at[i]), v.at(at[j]));
   return sum * u.length() * v.length();
 }
 
@@ -132,7 +127,7 @@ double integrate_cut(const Layout& layout, int face, Interval u, Interval v) {
     }
   }
   const Point centre = (1 / area) * moment;
-  return area * density(layout, face, u.at(centre.s), v.at(centre.t)) * u.length() * v.length();
+  return area * layout.density(face, u.at(centre.s), v.at(centre.t)) * u.length() * v.length();
 }
 
 constexpr double widest_piece = 1.0 / 16;  // of a face: faces of few texels curve within one
@@ -159,10 +154,10 @@ std::array<double, 4> gauss_triangles(const Layout& layout, int face, Interval u
     for (std::size_t i = 0; i < n; ++i) {
       const double out = at[j], along = 0.5 + out * (at[i] - 0.5), near = 0.5 - 0.5 * out, far = 0.5 + 0.5 * out;
       const double w = 0.5 * out * weight[i] * weight[j] * u.length() * v.length();
-      sums[0] += w * density(layout, face, u.at(along), v.at(near));
-      sums[1] += w * density(layout, face, u.at(along), v.at(far));
-      sums[2] += w * density(layout, face, u.at(near), v.at(along));
-      sums[3] += w * density(layout, face, u.at(far), v.at(along));
+      sums[0] += w * layout.density(face, u.at(along), v.at(near));
+      sums[1] += w * layout.density(face, u.at(along), v.at(far));
+      sums[2] += w * layout.density(face, u.at(near), v.at(along));
+      sums[3] += w * layout.density(face, u.at(far), v.at(along));
     }
   return sums;
 }
@@ -171,8 +166,8 @@ std::array<double, 4> gauss_triangles(const Layout& layout, int face, Interval u
 std::array<double, 4> rough_triangles(const Layout& layout, int face, Interval u, Interval v) {
   const double w = 0.25 * u.length() * v.length();
   constexpr double low = 1.0 / 6, high = 5.0 / 6;
-  return {w * density(layout, face, u.at(0.5), v.at(low)), w * density(layout, face, u.at(0.5), v.at(high)),
-          w * density(layout, face, u.at(low), v.at(0.5)), w * density(layout, face, u.at(high), v.at(0.5))};
+  return {w * layout.density(face, u.at(0.5), v.at(low)), w * layout.density(face, u.at(0.5), v.at(high)),
+          w * layout.density(face, u.at(low), v.at(0.5)), w * layout.density(face, u.at(high), v.at(0.5))};
 }
 
 // The triangles' sum, if the rougher rule agrees with it.
@@ -298,7 +293,7 @@ enum class Fit { good, near, none };
 template <int n>
 Fit fit(const Layout& layout, int face, Interval u, Interval v, const Interpolation<n>& by, Patch& patch) {
   const auto density_at = [&](double s, double t) {
-    return density(layout, face, u.at(0.5 + 0.5 * s), v.at(0.5 + 0.5 * t));
+    return layout.density(face, u.at(0.5 + 0.5 * s), v.at(0.5 + 0.5 * t));
   };
   double rows[n][n] = {};  // [node along v][power along u]
   for (std::size_t j = 0; j < n; ++j)

@@ -108,7 +108,7 @@ TEST_P(EveryLayout, FiguresAreTheSupremaOfRandomPoints) {
     if (!l.owns(face, u, v)) continue;
     const Face& info = l.info().faces[static_cast<std::size_t>(face)];
     const Stretch s = stretch(l, face, u, v);
-    const double texel = solid_angle_density(l, face, u, v) / (info.aspect * info.scale * info.scale);
+    const double texel = l.density(face, u, v) / (info.aspect * info.scale * info.scale);
     largest = std::max(largest, s.largest / info.scale);
     anisotropy = std::max(anisotropy, s.largest / s.smallest);
     density = std::max(density, texel);
@@ -192,7 +192,7 @@ TEST(Stretch, FollowsHerronsEquationFive) {
   const Stretch s = stretch(layout("latlong"), 0, 0.3, 0.25);
   EXPECT_NEAR(s.largest, pi, 1e-12);
   EXPECT_NEAR(s.smallest, pi * std::sqrt(0.5), 1e-12);
-  EXPECT_NEAR(solid_angle_density(layout("latlong"), 0, 0.3, 0.25), 2 * pi * pi * std::sqrt(0.5), 1e-12);
+  EXPECT_NEAR(layout("latlong").density(0, 0.3, 0.25), 2 * pi * pi * std::sqrt(0.5), 1e-12);
   // A cube's face: 2 per face in the centre.
   EXPECT_NEAR(stretch(layout("cube"), 3, 0.5, 0.5).largest, 2, 1e-12);
   EXPECT_NEAR(stretch(layout("cube"), 3, 0.5, 0.5).smallest, 2, 1e-12);

@@ -42,13 +42,25 @@ struct octahedral {
             .faces = octahedral_faces,
             .rows = octahedral_rows};
   }
+  // On the octahedron |x| + |y| + |z| = 1.
   template <class F>
-  static void direction(int /*face*/, F u, F v, Vec<F>& d) {
+  static Vec<F> point(F u, F v) {
     F a, b;
     octahedral_point(u, v, a, b);
     const F z = named(1.0 - abs(a) - abs(b), "z");
     const F fold = named(max(-z, 0.0), "fold");  // how far behind the equator
-    d = normalized(Vec<F>{a - copysign(fold, a), b - copysign(fold, b), z});
+    return {a - copysign(fold, a), b - copysign(fold, b), z};
+  }
+  template <class F>
+  static void direction(int /*face*/, F u, F v, Vec<F>& d) {
+    d = normalized(point(u, v));
+  }
+  // A plane's: its distance times its area over that seen along the axis is 1, whatever the octant, and da db is
+  // 4 du dv.
+  static double density(int /*face*/, double u, double v) {
+    const Vec3 d = point(u, v);
+    const double squared = d.x * d.x + d.y * d.y + d.z * d.z;
+    return 4 / (squared * sqrt(squared));
   }
   template <class F>
   static void locate(const Vec<F>& d, F& face, F& u, F& v) {
