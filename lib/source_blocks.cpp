@@ -77,11 +77,11 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
   const int column = (block - grid.first) % grid.across * side, row = (block - grid.first) / grid.across * side;
   slot.block = block;
   filter(f, column + apron - reach, row + apron - reach, std::min(side, face.size.width - column) + 2 * reach,
-         std::min(side, face.size.height - row) + 2 * reach, margin, slot);
+         std::min(side, face.size.height - row) + 2 * reach, slot);
 }
 
 // A rectangle of padded texels.
-void SourceBlocks::filter(int f, int left, int top, int width, int height, int margin, Slot& slot) {
+void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot& slot) {
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
   const int channels = source_->channels();
   const int wide = width + 2 * margin, high = height + 2 * margin;
@@ -126,16 +126,16 @@ void SourceBlocks::make_view() {
   constexpr int around = taps(Kernel::band_limited) / 2 + 1;
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(view.face)];
   const auto bounded = [&](double at, int texels) {
-    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), view_margin,
-                      texels - view_margin);
+    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), margin,
+                      texels - margin);
   };
   const int left = bounded(view.left - around, face.columns), right = bounded(view.right + around + 1, face.columns);
   const int top = bounded(view.top - around, face.rows), bottom = bounded(view.bottom + around + 1, face.rows);
-  const auto texels = [](int from, int to) { return static_cast<std::int64_t>(to) - from + 2 * view_margin; };
+  const auto texels = [](int from, int to) { return static_cast<std::int64_t>(to) - from + 2 * margin; };
   if (right > left && bottom > top && texels(left, right) * texels(top, bottom) <= largest_view) {
     view_.block = view.face;
     view_width_ = right - left, view_height_ = bottom - top;
-    filter(view.face, left, top, view_width_, view_height_, view_margin, view_);
+    filter(view.face, left, top, view_width_, view_height_, view_);
   }
   wanted_.reset();
 }

@@ -26,9 +26,9 @@ namespace envconv {
 /// Blocks of one source.  Not for several threads at once, unless all blocks were made before (make_all()).
 class SourceBlocks {
  public:
-  /// Texels that a recursion runs over before it is used: the larger pole to this power is 2e-4,
+  /// Texels that a recursion runs over before it is used: the larger pole to this power is 1.4e-3,
   /// of what the row's beginning differs from a row that goes on like it.
-  static constexpr int margin = 16;
+  static constexpr int margin = 12;
 
   /// `source` must outlive the blocks.  At most `most` blocks are kept, or as many as one tile needs.
   SourceBlocks(const Source& source, std::size_t most);
@@ -58,8 +58,6 @@ class SourceBlocks {
  private:
   static constexpr int side = 64, reach = 3;      // texels of a block, and beyond each of its sides
   static constexpr int largest_view = 320 * 320;  // texels; near poles, where blocks would be more; commonly a sixth
-  // Fewer will do for views: at their rims lie only the samples beyond a tile's texels, which weigh little.
-  static constexpr int view_margin = 12;
   struct Grid {
     int across = 0, down = 0;
     std::int32_t first = 0;  // block
@@ -76,7 +74,7 @@ class SourceBlocks {
   Slot& slot_of(std::int32_t block);
   void make(std::int32_t block, Slot& slot);
   void make_view();
-  void filter(int face, int x, int y, int width, int height, int margin, Slot& slot);
+  void filter(int face, int x, int y, int width, int height, Slot& slot);
   template <class Find>
   void point_at(int n, const float* face, Windows& windows, const Find& find) const;
 

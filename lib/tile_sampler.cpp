@@ -493,12 +493,10 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
                        met.add(i - 1, j - 1, i + 2, j + 2, tile);
                      });
                    read(filter_.kernel, w, count, w.samples);
-                   for (int i = 0; i < n; ++i) {
-                     float batch[4] = {};
-                     for (int s = i; s < count; s += n)
-                       for (int c = 0; c < 4; ++c) batch[c] += w.samples[4 * s + c];
-                     for (int c = 0; c < 4; ++c) sum[i][c] += static_cast<double>(batch[c]);
-                   }
+                   float batch[4 * largest_tile] = {};
+                   for (int s = 0; s < count; s += n)
+                     for (int i = 0; i < 4 * n; ++i) batch[i] += w.samples[4 * s + i];
+                   for (int i = 0; i < 4 * n; ++i) sum[i / 4][i % 4] += static_cast<double>(batch[i]);
                  });
       for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i / 4][i % 4]);
       store_run(w, tile, j, run);

@@ -181,7 +181,9 @@ TEST_P(Laws, L07_EqualAreaZonalCongruentAndConformalAsDeclared) {
     };
     for (int f = 0; f < layout().face_count(); ++f) {
       between_faces = std::max(between_faces, std::abs(density(f) / density(face) - 1));
-      if (info().congruent) EXPECT_TRUE(layout().owns(f, u, v)) << "face " << f << " at " << u << ", " << v;
+      if (info().congruent) {
+        EXPECT_TRUE(layout().owns(f, u, v)) << "face " << f << " at " << u << ", " << v;
+      }
     }
   }
   if (info().congruent) {
