@@ -21,6 +21,39 @@ std::pair<Vec3, Vec3> chords(const EnvImage& out, int face, double u, double v, 
   return {at(u + 0.5 * eu, v) - at(u - 0.5 * eu, v), at(u, v + 0.5 * ev) - at(u, v - 0.5 * ev)};
 }
 
+// A texel of the source about a direction (in its axes): what lengths on the sphere are in it.
+struct SourceTexel {
+  Location at;
+  Vec3 a, b;           // its sides
+  Vec3 along, across;  // unit vectors, where it is longest and thinnest
+  double wide, thin;   // its extent there; a sliver's limited
+  bool usable() const { return wide > 0 && std::isfinite(wide); }
+  struct Way {
+    double along, across;  // in source texels
+    double squared() const { return along * along + across * across; }
+  };
+  Way way(Vec3 t) const { return {dot(t, along) / wide, dot(t, across) / thin}; }
+};
+
+SourceTexel source_texel(const EnvImage& source, const Filter& filter, const Vec3& d) {
+  SourceTexel texel;
+  texel.at = source.layout->locate(d);
+  const Image& s = source.faces[static_cast<std::size_t>(texel.at.face)];
+  const DirectionJet jet = source.layout->direction_jet(texel.at.face, texel.at.u, texel.at.v);
+  texel.a = texel_extent(s.width(), source.placement) * jet.du;
+  texel.b = texel_extent(s.height(), source.placement) * jet.dv;
+  const double aa = dot(texel.a, texel.a), ab = dot(texel.a, texel.b), bb = dot(texel.b, texel.b);
+  const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
+  texel.wide = std::sqrt(0.5 * (aa + bb + root));
+  texel.thin =
+      std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), texel.wide / (filter.limited ? sliver_limit : 1));
+  if (!texel.usable()) return texel;
+  const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
+  texel.along = (1 / texel.wide) * (std::cos(angle) * texel.a + std::sin(angle) * texel.b);
+  texel.across = cross(normalize(d), texel.along);
+  return texel;
+}
+
 // A texel of the output among the source's.
 struct Footprint {
   Location at;                    // of its centre, in the source
@@ -38,26 +71,12 @@ Footprint footprint(const EnvImage& source, const EnvImage& out, const Mat3& sou
   const auto [du, dv] =
       out.layout->info().domain == Domain::disc ? chords(out, face, u, v, eu, ev) : std::pair(eu * jet.du, ev * jet.dv);
   const Vec3 tu = source_from_out * du, tv = source_from_out * dv, d = source_from_out * jet.d;
-  f.at = source.layout->locate(d);
-  const Image& s = source.faces[static_cast<std::size_t>(f.at.face)];
-  const DirectionJet from = source.layout->direction_jet(f.at.face, f.at.u, f.at.v);
-  const Vec3 a = texel_extent(s.width(), source.placement) * from.du;
-  const Vec3 b = texel_extent(s.height(), source.placement) * from.dv;
+  const SourceTexel texel = source_texel(source, filter, d);
+  f.at = texel.at;
+  if (!texel.usable()) return f;
+  const Vec3 &a = texel.a, &b = texel.b;
   const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b);
-  const double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
-  const double wide = std::sqrt(0.5 * (aa + bb + root));
-  const double thin =
-      std::max(std::sqrt(std::max(0.0, 0.5 * (aa + bb - root))), wide / (filter.limited ? sliver_limit : 1));
-  if (!(wide > 0) || !std::isfinite(wide)) return f;
-  const double angle = 0.5 * std::atan2(2 * ab, aa - bb);
-  const Vec3 along = (1 / wide) * (std::cos(angle) * a + std::sin(angle) * b);
-  // A side of the output's texel in the source's, along these and across.
-  const Vec3 across = cross(normalize(d), along);
-  struct Side {
-    double along, across;
-    double squared() const { return along * along + across * across; }
-  };
-  const Side su{dot(tu, along) / wide, dot(tu, across) / thin}, sv{dot(tv, along) / wide, dot(tv, across) / thin};
+  const SourceTexel::Way su = texel.way(tu), sv = texel.way(tv);
   f.side_u = std::sqrt(su.squared()), f.side_v = std::sqrt(sv.squared());
   const double area = su.along * sv.across - su.across * sv.along, both = su.squared() + sv.squared();
   f.narrow = std::sqrt(0.5 * (both - std::sqrt(std::max(0.0, both * both - 4 * area * area))));
@@ -198,18 +217,29 @@ void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, in
   }
 }
 
-std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
-                                  const Filter& filter, int face, int x, int y) {
+RimSamples rim_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
+                       int face, int x, int y) {
   const Image& pixels = out.faces[static_cast<std::size_t>(face)];
   const double u = u_from_texel(x, pixels.width(), out.placement), v = u_from_texel(y, pixels.height(), out.placement);
-  const Footprint f =
-      footprint(source, out, source_from_out, filter, face, u, v, out.layout->direction_jet(face, u, v));
-  const auto stepped = [&](double side) {
-    const int n = samples_of(filter, std::isfinite(side) ? side : 0);
-    const int step = n < 8 ? 1 : n < 16 ? 2 : n < 32 ? 4 : 8;
-    return (n + step - 1) / step * step;
+  const double extent = texel_extent(pixels.width(), out.placement);
+  RimSamples samples(RimTexel((u - 0.5) / extent, (v - 0.5) / extent, 0.5 / extent));
+  if (samples.texel.pieces() == 0) return samples;
+  const auto direction = [&](double out_by, double aside) {
+    const auto [dx, dy] = samples.texel.place(out_by, aside);
+    return source_from_out * out.layout->direction(face, u + extent * dx, v + extent * dy);
   };
-  return {stepped(f.side_u), stepped(f.side_v)};
+  const int pieces = samples.texel.pieces();
+  Vec3 bound[RimTexel::most_pieces + 1];
+  for (int i = 0; i <= pieces; ++i) bound[i] = direction(samples.texel.bound(i), 0);
+  const SourceTexel texel = source_texel(source, filter, bound[0] + bound[pieces]);
+  const auto counted = [&](Vec3 way) {
+    return samples_of(filter, texel.usable() ? std::sqrt(texel.way(way).squared()) : 0);
+  };
+  // One more than a wave takes: the chords' length changes along a piece.
+  for (int i = 0; i < pieces; ++i) samples.outwards[i] = counted(bound[i + 1] - bound[i]) + 1;
+  const double inner = samples.texel.bound(0);
+  samples.aside = std::max(2, counted(direction(inner, 0.5) - direction(inner, -0.5)));
+  return samples;
 }
 
 RimSide rim_side(const EnvImage& out, const Tile& texels) {

@@ -10,6 +10,7 @@
 #include "image.h"
 #include "quadrature.h"
 #include "resample.h"
+#include "rim_texel.h"
 
 namespace envconv {
 
@@ -75,9 +76,15 @@ void creased_densities(const TilePlan& plan, const Tile& tile, double x, double 
 /// pole.
 void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, int end, float* gx, float* gy);
 
-/// Samples a side of one texel, along u and along v; many are rounded up, so that neighbours mostly take as many.
-std::pair<int, int> texel_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out,
-                                  const Filter& filter, int face, int x, int y);
+/// What a texel at the rim of a disc is sampled by.
+struct RimSamples {
+  explicit RimSamples(const RimTexel& rim_texel) : texel(rim_texel) {}
+  RimTexel texel;
+  int outwards[RimTexel::most_pieces] = {};  ///< nodes of each piece
+  int aside = 0;                             ///< and on each chord
+};
+RimSamples rim_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
+                       int face, int x, int y);
 
 /// Where texels lie in a layout whose domain is a disc; those of others are inside.
 enum class RimSide { inside, cut, outside };

@@ -396,14 +396,70 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
         visit(count);
         continue;
       }
-      for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
-      const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
-      ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
-      out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
-      find_windows(kernel, w, count);
+      find_batch(kernel, tile, w, count);
       visit(count);
     }
   }
+}
+
+// The windows of a batch of samples at w.u and w.v, which has room for a vector more.
+void TileSampler::find_batch(Kernel kernel, const Tile& tile, Workspace& w, int count) const {
+  for (int p = count; p % 16; ++p) w.u[p] = w.u[0], w.v[p] = w.v[0], w.weight[p] = 0;
+  const std::size_t padded = (static_cast<std::size_t>(count) + 15) / 16 * 16;
+  ENVCONV_ASSERT(padded <= std::size(w.u) && std::ranges::none_of(std::span(w.weight, padded), is_no_weight));
+  out_.layout->directions(tile.face, padded, w.u, w.v, w.x, w.y, w.z);
+  find_windows(kernel, w, count);
+}
+
+// The same for texel i of row j, at a disc's rim.  A texel without area of its own takes the nearest rim's radiance.
+template <class Visit>
+void TileSampler::sample_rim_texel(const Tile& tile, const TilePlan& plan, int i, int j, Workspace& w,
+                                   const Visit& visit) const {
+  const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const int x = tile.x0 + i, y = tile.y0 + j;
+  const double u = u_from_texel(x, face.width(), out_.placement), v = u_from_texel(y, face.height(), out_.placement);
+  const double extent = texel_extent(face.width(), out_.placement);
+  float gx[largest_tile], gy[largest_tile];
+  density_slopes(plan, tile, j, i, i + 1, gx, gy);
+  const RimSamples samples = rim_samples(image_, out_, source_from_out_, filter_, tile.face, x, y);
+  double total = 0;
+  int count = 0;
+  const auto flush = [&] {
+    if (count == 0) return;
+    find_batch(filter_.kernel, tile, w, count);
+    visit(count);
+    count = 0;
+  };
+  const auto add = [&](double dx, double dy, double weight) {
+    const double a = u + extent * dx - 0.5, b = v + extent * dy - 0.5, r = 2 * std::sqrt(a * a + b * b);
+    const double scale = r < 1 ? 1 : (1 - 1e-6) / r;
+    const float density = std::max(0.0f, 1 + gx[i] * static_cast<float>(dx) + gy[i] * static_cast<float>(dy));
+    w.u[count] = static_cast<float>(0.5 + scale * a), w.v[count] = static_cast<float>(0.5 + scale * b);
+    w.weight[count] = static_cast<float>(weight) * density;
+    total += static_cast<double>(w.weight[count]);
+    if (++count == most_samples) flush();
+  };
+  for (int piece = 0; piece < samples.texel.pieces(); ++piece) {
+    const Quadrature &out = tables_.nodes(samples.outwards[piece]), &aside = tables_.nodes(samples.aside);
+    for (std::size_t k = 0; k < out.offset.size(); ++k) {
+      const RimTexel::Node node = samples.texel.node(piece, out.offset[k], out.weight[k]);
+      const RimTexel::Chord chord = samples.texel.chord(node.outwards);
+      const double length = chord.end - chord.begin;
+      if (!(length > 0)) continue;
+      for (std::size_t m = 0; m < aside.offset.size(); ++m) {
+        const auto [dx, dy] =
+            samples.texel.place(node.outwards, 0.5 * (chord.begin + chord.end) + length * aside.offset[m]);
+        add(dx, dy, node.weight * length * aside.weight[m]);
+      }
+    }
+  }
+  flush();
+  if (!(total > 0)) {
+    add(0, 0, 1);
+    w.weight[0] = 1, total = 1;
+    flush();
+  }
+  w.total[i] = static_cast<float>(total);
 }
 
 void TileSampler::first_pass(Workspace& w, const Tile& tile, std::unique_ptr<TileHighlights>& lights) {
@@ -463,42 +519,47 @@ bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_p
 // Samples every texel for itself, or only some, with positive weights.
 void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only,
                              TexelMask& met) {
-  // At a disc's rim texels need very different numbers of samples.
-  const bool apart = !tile_plan.inside && options_.samples == 0;
-  const auto samples = [&](int i, int j) {
-    if (only && !only->holds(i, j)) return std::pair{0, 0};
-    if (!apart) return std::pair{tile_plan.ku, tile_plan.kv};
-    if (rim_side(out_, {tile.face, tile.x0 + i, tile.y0 + j, 1, 1}) == RimSide::outside) return std::pair{1, 1};
-    return texel_samples(image_, out_, source_from_out_, filter_, tile.face, tile.x0 + i, tile.y0 + j);
+  // At a disc's rim texels need very different numbers of samples, and few along it.
+  enum class Sampled { not_at_all, once, by_rows, from_rim };
+  const bool rim = !tile_plan.inside && options_.samples == 0 && filter_.window == 1.0;
+  const auto sampled = [&](int i, int j) {
+    if (only && !only->holds(i, j)) return Sampled::not_at_all;
+    if (!rim) return Sampled::by_rows;
+    return rim_side(out_, {tile.face, tile.x0 + i, tile.y0 + j, 1, 1}) == RimSide::outside ? Sampled::once
+                                                                                           : Sampled::from_rim;
   };
   std::optional<TileMap> map;
   if (!only) map = this->map(tile, tile_plan, 0.5 * (filter_.window - 1));
   for (int j = 0; j < tile.height; ++j) {
-    std::pair<int, int> next = samples(0, j);
     for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
-      const auto [ku, kv] = next;
-      for (run.end = run.begin + 1; run.end < tile.width; ++run.end) {
-        next = samples(run.end, j);
-        if (next != std::pair{ku, kv}) break;
-      }
-      if (ku == 0) continue;
+      const Sampled way = sampled(run.begin, j);
+      run.end = run.begin + 1;
+      while (way != Sampled::from_rim && run.end < tile.width && sampled(run.end, j) == way) ++run.end;
+      if (way == Sampled::not_at_all) continue;
+      const int ku = way == Sampled::once ? 1 : tile_plan.ku, kv = way == Sampled::once ? 1 : tile_plan.kv;
       // A texel on a singular point may take millions of samples: batches are added up in double.
-      double sum[largest_tile][4] = {};
       const int n = run.end - run.begin;
-      sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), map ? &*map : nullptr, j, run,
-                 w, [&](int count) {
-                   if (source_.highlights().any())
-                     for_each_near_highlight(source_, w, count, [&](int s) {
-                       const int i = run.begin + s % n;
-                       met.add(i - 1, j - 1, i + 2, j + 2, tile);
-                     });
-                   read(filter_.kernel, w, count, w.samples);
-                   float batch[4 * largest_tile] = {};
-                   for (int s = 0; s < count; s += n)
-                     for (int i = 0; i < 4 * n; ++i) batch[i] += w.samples[4 * s + i];
-                   for (int i = 0; i < 4 * n; ++i) sum[i / 4][i % 4] += static_cast<double>(batch[i]);
-                 });
-      for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i / 4][i % 4]);
+      double sum[4 * largest_tile];
+      std::fill_n(sum, 4 * n, 0.0);
+      const auto add = [&](int count) {
+        if (source_.highlights().any())
+          for_each_near_highlight(source_, w, count, [&](int s) {
+            const int i = run.begin + s % n;
+            met.add(i - 1, j - 1, i + 2, j + 2, tile);
+          });
+        read(filter_.kernel, w, count, w.samples);
+        float batch[4 * largest_tile];
+        std::fill_n(batch, 4 * n, 0.0f);
+        for (int s = 0; s < count; s += n)
+          for (int i = 0; i < 4 * n; ++i) batch[i] += w.samples[4 * s + i];
+        for (int i = 0; i < 4 * n; ++i) sum[i] += static_cast<double>(batch[i]);
+      };
+      if (way == Sampled::from_rim)
+        sample_rim_texel(tile, tile_plan, run.begin, j, w, add);
+      else
+        sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), map ? &*map : nullptr, j, run,
+                   w, add);
+      for (int i = 0; i < 4 * n; ++i) w.row[4 * run.begin + i] = static_cast<float>(sum[i]);
       store_run(w, tile, j, run);
     }
   }

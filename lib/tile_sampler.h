@@ -73,6 +73,9 @@ class TileSampler {
   template <class Visit>
   void sample_row(Kernel kernel, const Tile& tile, const TilePlan& plan, const Quadrature& qu, const Quadrature& qv,
                   const TileMap* map, int j, Run run, Workspace& w, const Visit& visit) const;
+  template <class Visit>
+  void sample_rim_texel(const Tile& tile, const TilePlan& plan, int i, int j, Workspace& w, const Visit& visit) const;
+  void find_batch(Kernel kernel, const Tile& tile, Workspace& w, int count) const;
   void store_run(Workspace& w, const Tile& tile, int j, Run run);
   template <class Visit>
   void sample_met(Workspace& w, const Tile& tile, const TileHighlights& lights, const Visit& visit);

@@ -33,6 +33,7 @@ set(tests
   pattern_test
   recognize_test
   resample_test
+  rim_texel_test
   scratch_test
   texel_format_test
   seam_test
