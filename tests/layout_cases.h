@@ -3,8 +3,11 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+#include <functional>
 #include <limits>
 #include <random>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,6 +21,21 @@ inline std::string test_name(const Layout& layout) {
   for (char& c : name)
     if (c == '-') c = '_';
   return name;
+}
+
+/// What a source is converted to in laws of all pairs: every layout.  With a sanitizer, which makes ten seconds of one
+/// and looks for faults of layouts and kernels rather than of pairs, every fifth, such that each is as often a target.
+inline std::vector<std::reference_wrapper<const Layout>> targets_of(const Layout& source) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  constexpr std::ptrdiff_t step = 5;
+#else
+  constexpr std::ptrdiff_t step = 1;
+#endif
+  const std::span<const Layout> all = all_layouts();
+  std::vector<std::reference_wrapper<const Layout>> targets;
+  for (const Layout& target : all)
+    if (((&target - all.data()) + (&source - all.data())) % step == 0) targets.emplace_back(target);
+  return targets;
 }
 
 /// Uniform on the sphere.  Seeds are fixed: a test that fails, fails again.
