@@ -221,6 +221,12 @@ class ExrDecoder final : public Decoder {
   }
 
   Result<Ok> decode_rows(int picture, int first, int count, void* pixels) override {
+    ENVCONV_CHECK(read_rows(picture, first, count, pixels));
+    return check_values(picture, count, static_cast<const float*>(pixels));
+  }
+
+ private:
+  Result<Ok> read_rows(int picture, int first, int count, void* pixels) {
     const Part& part = parts_[static_cast<std::size_t>(picture)];
     const PictureSpec& target = spec_.pictures[static_cast<std::size_t>(picture)];
     try {
@@ -282,7 +288,6 @@ class ExrDecoder final : public Decoder {
     return Ok{};
   }
 
- private:
   struct Part {
     Window data;
     std::vector<std::string> stored;
@@ -301,6 +306,23 @@ class ExrDecoder final : public Decoder {
     }
   };
 
+  // B44 has no checksum, but takes NaN for 0 when it packs: where there are NaN, blocks are not what was packed.
+  Result<Ok> check_values(int picture, int count, const float* pixels) const {
+    const Imf::Header& header = file_->header(picture);
+    if (header.compression() != Imf::B44_COMPRESSION && header.compression() != Imf::B44A_COMPRESSION) return Ok{};
+    const std::vector<std::string>& names = parts_[static_cast<std::size_t>(picture)].stored;
+    const auto texels = static_cast<std::size_t>(spec_.pictures[static_cast<std::size_t>(picture)].width) *
+                        static_cast<std::size_t>(count);
+    for (std::size_t c = 0; c < names.size(); ++c) {
+      if (header.channels()[names[c].c_str()].type != Imf::HALF) continue;  // stored as they are
+      for (std::size_t i = 0; i < texels; ++i) {
+        if (std::isnan(pixels[i * names.size() + c]))
+          return bad_input("truncated or damaged: NaN, which B44 cannot hold");
+      }
+    }
+    return Ok{};
+  }
+
   // All of the file must be there, whatever is read of it.
   Result<Ok> check_once() {
     if (checked_) return Ok{};
@@ -313,7 +335,7 @@ class ExrDecoder final : public Decoder {
 
   static PartChunks chunks_of_part(const Imf::Header& header) {
     const Window data(header.dataWindow());
-    const bool opaque = !chunks_are_ours(header.compression());
+    const bool opaque = !chunks_are_unpacked_here(header.compression());
     if (!header.hasTileDescription()) {
       const std::int64_t lines = chunk_lines(header.compression());
       return {static_cast<std::uint64_t>((data.height() + lines - 1) / lines), false, opaque};
@@ -349,7 +371,7 @@ class ExrDecoder final : public Decoder {
     const Imf::Header& header = file_->header(picture);
     const Part& part = parts_[static_cast<std::size_t>(picture)];
     const Imf::Compression compression = header.compression();
-    if (!chunks_are_ours(compression)) return {};
+    if (!chunks_are_unpacked_here(compression)) return {};
     ChunkGrid grid;
     grid.fd = fd_;
     grid.file_size = size_;
@@ -363,7 +385,7 @@ class ExrDecoder final : public Decoder {
           {type_of(channel.type), wanted == part.stored.end() ? -1 : static_cast<int>(wanted - part.stored.begin())});
     }
     grid.tiled = part.tiled;
-    grid.deflated = is_zip(compression);
+    grid.compression = compression;
     grid.level = part.level;
     grid.top = part.data.y0;
     grid.width = part.data.width(), grid.height = part.data.height();

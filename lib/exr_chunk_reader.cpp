@@ -2,6 +2,7 @@
 #include "exr_chunk_reader.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cstring>
@@ -10,11 +11,13 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <thread>
 #include <utility>
 
 #include "decoder.h"
+#include "exr_piz.h"
 #include "exr_zip.h"
 #include "file_bytes.h"
 #include "row_kernels.h"
@@ -33,6 +36,8 @@ std::int32_t int_at(const std::uint8_t* bytes) {
 // Bytes of a file one after another, as headers are read.
 class Cursor {
  public:
+  static constexpr std::size_t kLongestName = 255;
+
   Cursor(int fd, std::uint64_t size, std::uint64_t position) : fd_(fd), size_(size), position_(position) {}
 
   std::uint64_t position() const { return position_; }
@@ -51,10 +56,13 @@ class Cursor {
     return buffer_[position_++ - start_];
   }
   // Bytes before a zero, which is skipped too.
-  Result<std::uint64_t> text() {
-    for (std::uint64_t length = 0;; ++length) {
+  Result<std::string> text() {
+    std::string word;
+    for (;;) {
       ENVCONV_TRY(const std::uint8_t c, byte());
-      if (c == 0) return length;
+      if (c == 0) return word;
+      if (word.size() == kLongestName) return damaged_file("a name in its header that does not end");
+      word += static_cast<char>(c);
     }
   }
   Result<std::int32_t> integer() {
@@ -72,6 +80,20 @@ class Cursor {
 };
 
 constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the version
+
+// What every header must have ("Header attributes"): OpenEXR puts its own for those that are missing.
+constexpr std::array<std::string_view, 8> kRequired{"channels",           "compression",      "dataWindow",
+                                                    "displayWindow",      "lineOrder",        "pixelAspectRatio",
+                                                    "screenWindowCenter", "screenWindowWidth"};
+
+// After the last attribute, whose names are given.
+Result<Ok> check_header(const std::vector<std::string>& names) {
+  for (const std::string_view required : kRequired) {
+    if (std::ranges::find(names, required) == names.end())
+      return damaged_file("its header has no " + std::string(required));
+  }
+  return Ok{};
+}
 
 // In the second byte of the version.
 bool has_flag(int fd, int flag) {
@@ -103,16 +125,27 @@ class ChunkReader {
     if (size == bytes_.size()) {
       ENVCONV_CHECK(read_at(grid_.fd, begin, bytes_));
     } else {
-      if (size > bytes_.size() || !grid_.deflated) return damaged_file("a chunk of another size than its pixels");
+      if (size > bytes_.size() || grid_.compression == Imf::NO_COMPRESSION)
+        return damaged_file("a chunk of another size than its pixels");
       packed_.resize(static_cast<std::size_t>(size));
       ENVCONV_CHECK(read_at(grid_.fd, begin, packed_));
-      if (!codec_.unpack(packed_, bytes_)) return damaged_file("a chunk that does not unpack to its size");
+      if (!unpack(block)) return damaged_file("a chunk that does not unpack to its size");
     }
     place(block);
     return Ok{};
   }
 
  private:
+  // packed_ to exactly all of bytes_.
+  bool unpack(const ChunkBlock& block) {
+    if (grid_.compression == Imf::RLE_COMPRESSION) return zip_.unpack_runs(packed_, bytes_);
+    if (grid_.compression != Imf::PIZ_COMPRESSION) return zip_.unpack(packed_, bytes_);
+    planes_.clear();
+    for (const ChunkChannel& channel : grid_.channels)
+      planes_.push_back({static_cast<std::size_t>(block.width), size_of(channel.type) / 2});
+    return piz_.unpack(packed_, planes_, static_cast<std::size_t>(block.height), bytes_);
+  }
+
   // Bytes of pixels that the chunk at that offset claims, once it is the one that is meant.
   Result<std::uint64_t> read_head(const ChunkBlock& block, std::uint64_t offset) {
     std::uint8_t head[24];
@@ -182,7 +215,9 @@ class ChunkReader {
   const ChunkGrid& grid_;
   const ChunkTarget& target_;
   std::uint64_t texel_;
-  ZipCodec codec_;
+  ZipCodec zip_;
+  PizCodec piz_;
+  std::vector<PizChannel> planes_;
   std::vector<std::uint8_t> packed_, bytes_;
   std::vector<std::uint16_t> halves_;
   std::vector<float> values_;
@@ -232,12 +267,16 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
   Cursor cursor(fd, file_size, kFirstHeader);
   for (;;) {
     // A header: name, type, size and value of each attribute, and an empty name.
-    for (bool first = true;; first = false) {
-      ENVCONV_TRY(const std::uint64_t name, cursor.text());
-      if (name == 0) {
-        if (first || !several) return cursor.position();  // no header more
+    std::vector<std::string> names;
+    for (;;) {
+      ENVCONV_TRY(std::string name, cursor.text());
+      if (name.empty()) {
+        if (names.empty() && several) return cursor.position();  // no header more
+        ENVCONV_CHECK(check_header(names));
+        if (!several) return cursor.position();
         break;
       }
+      names.push_back(std::move(name));
       ENVCONV_CHECK(cursor.text());
       ENVCONV_TRY(const std::int32_t size, cursor.integer());
       if (size < 0) return damaged_file("an attribute of negative size");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pixels of OpenEXR files from their chunks (OpenEXR's file layout, "Offset tables" and "Chunks"), for the compressions
-// that are ours: none, ZIPS and ZIP.  Internal: not installed.
+// that are unpacked here: none, RLE, ZIPS, ZIP and PIZ.  Internal: not installed.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ struct ChunkGrid : BlockGrid {
   bool multi_part = false;  ///< chunks begin with the number of their part
   int part = 0;
   bool tiled = false;
-  bool deflated = false;
+  Imf::Compression compression = Imf::NO_COMPRESSION;
   int level = 0;                       ///< of tiles
   std::int64_t top = 0;                ///< y of the data window, by which chunks of lines are named
   std::uint64_t table = 0;             ///< where the offsets of the level's chunks begin
@@ -44,7 +44,8 @@ struct ChunkTarget {
 };
 
 /// Where the offset tables of all parts begin: the end of the headers.  Error: input, where an attribute would reach
-/// beyond the end of the file, for which OpenEXR would allocate memory before it found out.
+/// beyond the end of the file, for which OpenEXR would allocate memory before it found out, and where one is missing
+/// that every header must have, in place of which OpenEXR would put its own.
 Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size);
 
 /// True when the file is of the kind whose chunks have part numbers.

@@ -31,12 +31,17 @@ struct BlockGrid {
   }
 };
 
-/// The compressions whose chunks are made and read here, and not by OpenEXR.
+/// Deflated.
 inline bool is_zip(Imf::Compression compression) {
   return compression == Imf::ZIP_COMPRESSION || compression == Imf::ZIPS_COMPRESSION;
 }
+/// The compressions whose chunks are made here, and not by OpenEXR.
 inline bool chunks_are_ours(Imf::Compression compression) {
   return is_zip(compression) || compression == Imf::NO_COMPRESSION;
+}
+/// Those whose chunks are unpacked here: OpenEXR's decoders of RLE and PIZ do not see that pixels are missing.
+inline bool chunks_are_unpacked_here(Imf::Compression compression) {
+  return chunks_are_ours(compression) || compression == Imf::RLE_COMPRESSION || compression == Imf::PIZ_COMPRESSION;
 }
 /// Lines of a chunk.
 inline std::int64_t chunk_lines(Imf::Compression compression) {

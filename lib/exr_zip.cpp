@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "exr_zip.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <new>
 
 #include "row_kernels.h"
@@ -28,6 +30,27 @@ bool ZipCodec::unpack(std::span<const std::uint8_t> packed, std::span<std::uint8
       taken != packed.size()) {
     return false;
   }
+  join_bytes(split_.data(), split_.size(), chunk.data());
+  return true;
+}
+
+bool ZipCodec::unpack_runs(std::span<const std::uint8_t> packed, std::span<std::uint8_t> chunk) {
+  split_.resize(chunk.size());
+  std::span<std::uint8_t> to = split_;
+  while (!packed.empty()) {
+    // 0 to 127: the next byte, once more than that; -1 to -128: so many bytes as they are.
+    const auto code = static_cast<std::int8_t>(packed[0]);
+    const std::size_t count = static_cast<std::size_t>(code < 0 ? -code : code + 1), taken = code < 0 ? count : 1;
+    packed = packed.subspan(1);
+    if (count > to.size() || taken > packed.size()) return false;
+    if (code < 0)
+      std::copy_n(packed.begin(), count, to.begin());
+    else
+      std::fill_n(to.begin(), count, packed[0]);
+    packed = packed.subspan(taken);
+    to = to.subspan(count);
+  }
+  if (!to.empty()) return false;
   join_bytes(split_.data(), split_.size(), chunk.data());
   return true;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenEXR's ZIP and ZIPS by libdeflate, where OpenEXR itself uses zlib.
+// OpenEXR's ZIP and ZIPS by libdeflate, where OpenEXR itself uses zlib, and RLE, which orders bytes as they do.
 // Internal: not installed.
 #pragma once
 
@@ -21,6 +21,9 @@ class ZipCodec {
 
   /// False unless `packed` unpacks to exactly all of `chunk`, whose bytes mean nothing then.
   bool unpack(std::span<const std::uint8_t> packed, std::span<std::uint8_t> chunk);
+
+  /// The same of RLE.
+  bool unpack_runs(std::span<const std::uint8_t> packed, std::span<std::uint8_t> chunk);
 
  private:
   struct Free {

@@ -10,8 +10,10 @@
 #include <ImfPartType.h>
 #include <ImfTiledOutputFile.h>
 #include <gtest/gtest.h>
+#include <half.h>
 
 #include <algorithm>
+#include <random>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -199,6 +201,35 @@ TEST_F(Io, ExrKindsThatAreRefused) {
   file = read_pictures(path("begun.exr"), {});
   ASSERT_FALSE(file.ok());
   EXPECT_NE(file.error().message.find("truncated or damaged"), std::string::npos) << file.error().message;
+}
+
+TEST_F(Io, PizOfFewAndManyValues) {
+  // Its wavelet is another one where there are more than 2^14 values; of only one there is next to nothing to code.
+  constexpr int width = 331, height = 203;
+  std::mt19937 random(7);
+  for (const std::uint32_t values : {1u, 2u, 16383u, 16384u, 16385u, 31744u}) {
+    std::vector<half> halves(width * height), read;
+    for (std::size_t i = 0; i < halves.size(); ++i)
+      halves[i].setBits(static_cast<std::uint16_t>(i < values ? i : random() % values));
+    {
+      Imf::Header header(width, height);
+      header.channels().insert("Y", Imf::Channel(Imf::HALF));
+      header.compression() = Imf::PIZ_COMPRESSION;
+      header.setTileDescription({300, 200, Imf::ONE_LEVEL});  // one tile has them all
+      Imf::TiledOutputFile file(path("piz.exr").c_str(), header, 0);
+      Imf::FrameBuffer frame;
+      frame.insert("Y", Imf::Slice(Imf::HALF, reinterpret_cast<char*>(halves.data()), 2, width * 2));
+      file.setFrameBuffer(frame);
+      file.writeTiles(0, file.numXTiles() - 1, 0, file.numYTiles() - 1);
+    }
+    const auto file = read_pictures(path("piz.exr"), {});
+    ASSERT_TRUE(file.ok()) << file.error().message;
+    const Image& image = file->pictures[0].image;
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x)
+        ASSERT_EQ(image.at(x, y)[0], static_cast<float>(halves[static_cast<std::size_t>(y * width + x)])) << values;
+    }
+  }
 }
 
 TEST_F(Io, EnvmapAttribute) {

@@ -208,7 +208,8 @@ void expect_values(const std::string& path, Imath::Box2i display, int picture = 
   }
 }
 
-constexpr Imf::Compression kOurs[] = {Imf::NO_COMPRESSION, Imf::ZIPS_COMPRESSION, Imf::ZIP_COMPRESSION};
+constexpr Imf::Compression kOurs[] = {Imf::NO_COMPRESSION, Imf::RLE_COMPRESSION, Imf::ZIPS_COMPRESSION,
+                                      Imf::ZIP_COMPRESSION, Imf::PIZ_COMPRESSION};
 
 TEST_F(Exr, LinesOfOpenExr) {
   const Imath::Box2i whole({0, 0}, {102, 50}), moved({-40, -9}, {62, 37}), inner({-5, 3}, {20, 30});

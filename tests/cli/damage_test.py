@@ -240,6 +240,64 @@ class Damage(unittest.TestCase):
                 bad["longer.exr"] = corpus.replaced(good, chunk + 4, struct.pack("<i", size + 1))
             self.refused({"good.exr": good, **bad})
 
+    def test_exr_without_an_attribute_that_all_have(self):
+        write_exr(self.folder / "in.exr", WIDTH, HEIGHT, lambda x, y: (0.5, 0.25, 1))
+        good = (self.folder / "in.exr").read_bytes()
+        names, at, bad = [], 8, {}
+        while good[at]:
+            end = good.index(b"\0", good.index(b"\0", at) + 1) + 1
+            end += 4 + struct.unpack_from("<i", good, end)[0]
+            name = good[at : good.index(b"\0", at)].decode()
+            names.append(name)
+            # The table of chunks says where they are in the shorter file.
+            offsets = struct.unpack_from(f"<{HEIGHT}Q", good, first := good.index(b"screenWindowWidth\0float\0") + 33)
+            offsets = struct.pack(f"<{HEIGHT}Q", *(o - (end - at) for o in offsets))
+            bad[f"no-{name}.exr"] = good[:at] + good[end:first] + offsets + good[first + len(offsets) :]
+            at = end
+        self.assertEqual(len(names), 8)  # all that the format asks for, and no other
+        said = self.refused({"good.exr": good, **bad})
+        for name in names:
+            self.assertIn(f"its header has no {name}", said[f"no-{name}.exr"])
+
+    def test_exr_chunks_that_do_not_unpack_to_their_pixels(self):
+        # PIZ: a stream that breaks off, and one that is whole of other channels than the header says.
+        good = self.make("p.exr", "--to", "latlong", "--compression", "piz", "--type", "half")
+        table = good.index(b"screenWindowWidth\0float\0") + 33
+        chunk, = struct.unpack_from("<Q", good, table)
+        size, = struct.unpack_from("<i", good, chunk + 4)
+        least, most = struct.unpack_from("<HH", good, chunk + 8)
+        stream = chunk + 8 + 4 + most - least + 1
+        self.assertEqual(stream + 4 + struct.unpack_from("<i", good, stream)[0], chunk + 8 + size)
+        bits, = struct.unpack_from("<i", good, stream + 16)
+        types = good.index(b"channels\0chlist\0") + 16 + 4
+        one = bytearray(good)
+        for c in range(3):
+            one[types + 18 * c + 2] = 2  # float
+        bad = {"zeros": good[: chunk + 8 + size // 2] + bytes(size - size // 2) + good[chunk + 8 + size :],
+               "float": bytes(one), "bits-": corpus.replaced(good, stream + 16, struct.pack("<i", bits - 1)),
+               "bits+": corpus.replaced(good, stream + 16, struct.pack("<i", bits + 1)),
+               "length": corpus.replaced(good, stream, struct.pack("<i", size)),
+               "set": corpus.replaced(good, chunk + 8 + 4, bytes(most - least + 1))}
+        self.refused({"good.exr": good, **{f"{what}.exr": data for what, data in bad.items()}})
+        # RLE: runs that make fewer or more bytes than a line has.
+        head = self.make("r.exr", "--to", "latlong", "--compression", "rle", "--type", "half")[:table]
+        self.assertEqual(head[-5:], b"\0\0\x80\x3f\0")
+
+        def lines(*runs):
+            packed = b"".join(bytes([count - 1, 128]) for count in runs)
+            places = (table + 8 * HEIGHT + y * (8 + len(packed)) for y in range(HEIGHT))
+            return (head + b"".join(struct.pack("<Q", at) for at in places)
+                    + b"".join(struct.pack("<ii", y, len(packed)) + packed for y in range(HEIGHT)))
+
+        line = 2 * 3 * WIDTH  # bytes
+        self.assertEqual(line, 288)
+        self.refused({"runs.exr": lines(128, 128, 32), "fewer.exr": lines(128, 128, 31), "none.exr": lines(128),
+                      "more.exr": lines(128, 128, 33), "another.exr": lines(128, 128, 32, 1)})
+        # B44: blocks of zeros stand for NaN, which no block is made of.
+        good = self.make("b.exr", "--to", "latlong", "--compression", "b44", "--type", "half")
+        chunk, = struct.unpack_from("<Q", good, table)
+        self.refused({"good.exr": good, "zeros.exr": good[: chunk + 8] + bytes(len(good) - chunk - 8)})
+
     def test_nothing_finite(self):
         for what in ("nan", "inf"):
             write_exr(self.folder / "no.exr", WIDTH, HEIGHT, lambda x, y: (float(what),) * 3)
