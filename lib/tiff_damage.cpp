@@ -15,6 +15,7 @@
 
 #include "file_bytes.h"
 #include "tiff_messages.h"
+#include "tiff_streams.h"
 
 namespace envconv {
 namespace {
@@ -102,35 +103,69 @@ class Checker {
     return Ok{};
   }
 
-  Result<Ok> checksums() {
+  // Whether the strips or tiles unpack to what they should, as far as their compression tells.
+  Result<Ok> streams() const {
     std::uint16_t compression = 0, order = FILLORDER_MSB2LSB;
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &compression);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_FILLORDER, &order);
-    if (compression != COMPRESSION_ADOBE_DEFLATE && compression != COMPRESSION_DEFLATE) return Ok{};
-    const std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> codec(
-        libdeflate_alloc_decompressor(), libdeflate_free_decompressor);
-    if (!codec) throw std::bad_alloc();
+    const bool deflated = compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE;
+    if (!deflated && compression != COMPRESSION_LZW && compression != COMPRESSION_PACKBITS) return Ok{};
     const tmsize_t largest = TIFFIsTiled(tiff_) ? TIFFTileSize(tiff_) : TIFFStripSize(tiff_);
     if (largest <= 0) return damaged_file("strips or tiles of no size");
+    const auto full = static_cast<std::size_t>(largest);
+    Checksum checksum(deflated ? full : 0);
     std::vector<std::uint8_t> packed;
-    const auto room = static_cast<std::size_t>(largest);
-    const auto unpacked = std::make_unique_for_overwrite<std::uint8_t[]>(room);
     const std::uint32_t count = blocks();
     for (std::uint32_t i = 0; i < count; ++i) {
       const Extent extent = extent_of(i);
       packed.resize(static_cast<std::size_t>(extent.size));
       ENVCONV_CHECK(read_at(bytes_.fd, extent.offset, packed));
       if (order == FILLORDER_LSB2MSB) TIFFReverseBits(packed.data(), static_cast<tmsize_t>(packed.size()));
-      // The last strip may have fewer rows.
-      std::size_t made = 0;
-      if (libdeflate_zlib_decompress(codec.get(), packed.data(), packed.size(), unpacked.get(), room, &made) !=
-          LIBDEFLATE_SUCCESS)
-        return damaged_file(name_of(i) + " does not match its checksum");
+      if (deflated) {
+        if (!checksum.matches(packed)) return damaged_file(name_of(i) + " does not match its checksum");
+        continue;
+      }
+      const std::uint64_t size = bytes_of(i, full);
+      if (!(compression == COMPRESSION_LZW ? lzw_unpacks_to(packed, size, full)
+                                           : packbits_unpacks_to(packed, size, full)))
+        return damaged_file(name_of(i) + " does not unpack to its size");
     }
     return Ok{};
   }
 
  private:
+  // Of zlib streams that unpack to so many bytes at most: the last strip may have fewer rows.
+  class Checksum {
+   public:
+    explicit Checksum(std::size_t room)
+        : room_(room), codec_(libdeflate_alloc_decompressor(), libdeflate_free_decompressor) {
+      if (!codec_) throw std::bad_alloc();
+      unpacked_ = std::make_unique_for_overwrite<std::uint8_t[]>(room);
+    }
+    bool matches(const std::vector<std::uint8_t>& packed) {
+      std::size_t made = 0;
+      return libdeflate_zlib_decompress(codec_.get(), packed.data(), packed.size(), unpacked_.get(), room_, &made) ==
+             LIBDEFLATE_SUCCESS;
+    }
+
+   private:
+    std::size_t room_;
+    std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> codec_;
+    std::unique_ptr<std::uint8_t[]> unpacked_;
+  };
+
+  // Bytes of a strip or tile, unpacked, of which a strip at the bottom may have fewer.
+  std::uint64_t bytes_of(std::uint32_t i, std::size_t full) const {
+    if (TIFFIsTiled(tiff_)) return full;
+    std::uint32_t height = 0, rows = 0;
+    TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &height);
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_ROWSPERSTRIP, &rows);
+    if (rows == 0 || rows >= height) return full;
+    const std::uint32_t first = i % ((height - 1) / rows + 1) * rows;  // planes come one after the other
+    const tmsize_t size = TIFFVStripSize(tiff_, std::min(rows, height - first));
+    return size > 0 ? static_cast<std::uint64_t>(size) : full;
+  }
+
   std::uint32_t blocks() const { return TIFFIsTiled(tiff_) ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_); }
   Extent extent_of(std::uint32_t i) const { return {TIFFGetStrileOffset(tiff_, i), TIFFGetStrileByteCount(tiff_, i)}; }
   std::string name_of(std::uint32_t i) const { return (TIFFIsTiled(tiff_) ? "tile " : "strip ") + std::to_string(i); }
@@ -167,7 +202,7 @@ Result<Ok> check_tiff(int fd, int picture) {
     ENVCONV_CHECK(checker.extents());
     if (i == picture) {
       ENVCONV_CHECK(checker.samples());
-      ENVCONV_CHECK(checker.checksums());
+      ENVCONV_CHECK(checker.streams());
     }
     if (TIFFLastDirectory(tiff.get())) return Ok{};
     if (!TIFFReadDirectory(tiff.get())) return told();

@@ -7,7 +7,8 @@
 namespace envconv {
 
 /// Error: input, unless all strips and tiles of all pictures of the TIFF file are in it, and those of the picture
-/// number `picture`, if deflated, match their checksums: libtiff stops before these once it has a strip's rows.
+/// number `picture` match their checksums, if deflated, or unpack to their size, by LZW and PackBits: libtiff stops
+/// once it has a strip's rows.
 /// Throws std::bad_alloc.
 Result<Ok> check_tiff(int fd, int picture);
 

@@ -42,9 +42,9 @@ def png(interlaced=False, adler=True):
             + b"".join(corpus.chunk(b"IDAT", part) for part in parts) + corpus.chunk(b"IEND", b""))
 
 
-def tiff(blocks, tile=None, rows=HEIGHT, planar=False, compression=8, order=1):
+def tiff(blocks, tile=None, rows=HEIGHT, planar=False, compression=8, order=1, code=lambda d: zlib.compress(d, 9)):
     """A little-endian TIFF of 8-bit RGB whose directory comes first, and where its blocks begin."""
-    blocks = [zlib.compress(block, 9) for block in blocks]
+    blocks = [code(block) for block in blocks]
     if order == 2:
         blocks = [bytes(int(f"{byte:08b}"[::-1], 2) for byte in block) for block in blocks]
     fields = [(256, 3, [WIDTH]), (257, 3, [HEIGHT]), (258, 3, [8, 8, 8]), (259, 3, [compression]), (262, 3, [2]),
@@ -181,6 +181,76 @@ class Damage(unittest.TestCase):
         self.refused({"good.png": whole, "interlaced.png": of(48, 24, interlaced=1), **sizes, **kinds})
         ends, _ = self.convert({"whole-interlaced.png": png(interlaced=True)})
         self.assertIsNone(ends["whole-interlaced.png"])
+
+    def test_png_with_colours_that_its_palette_lacks(self):
+        def of(depth, color, colors, filters, interlaced=0):
+            # All index 1, and one pixel of another colour.
+            width, height = WIDTH, HEIGHT
+            passes = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+            data = b""
+            for x0, y0, dx, dy in passes if interlaced else ((0, 0, 1, 1),):
+                above = None
+                for y in range(y0, height, dy):
+                    indices = [color if (x, y) == (45, 23) else 1 for x in range(x0, width, dx)]
+                    indices += [(1 << depth) - 1] * (-len(indices) % (8 // depth))  # no pixels, of any value
+                    line = [int("".join(f"{v:0{depth}b}" for v in indices[i : i + 8 // depth]), 2)
+                            for i in range(0, len(indices), 8 // depth)]
+                    up = above or [0] * len(line)
+                    left, corner = [0, *line[:-1]], [0, *up[:-1]]
+                    kind = filters[y % len(filters)]
+                    guess = ([0] * len(line), left, up, [(a + b) // 2 for a, b in zip(left, up)],
+                             [min((abs(b - c), 0, a), (abs(a - c), 1, b), (abs(a + b - 2 * c), 2, c))[2]
+                              for a, b, c in zip(left, up, corner)])[kind]
+                    data += bytes([kind]) + bytes((v - g) & 255 for v, g in zip(line, guess))
+                    above = line
+            head = struct.pack(">IIBBBBB", width, height, depth, 3, 0, 0, interlaced)
+            return (b"\x89PNG\r\n\x1a\n" + corpus.chunk(b"IHDR", head) + corpus.chunk(b"PLTE", bytes(range(3 * colors)))
+                    + corpus.chunk(b"IDAT", zlib.compress(data)) + corpus.chunk(b"IEND", b""))
+
+        files = {}
+        for depth, colors in ((2, 3), (4, 5), (8, 70)):
+            for interlaced in (0, 1):
+                for filters in ([0], [1, 2], [3], [4]):
+                    for what, color in (("good", colors - 1), ("bad", colors)):
+                        name = f"{what}-{depth}-{interlaced}-{filters[0]}.png"
+                        files[name] = of(depth, color, colors, filters, interlaced)
+        ends, _ = self.convert(files)
+        for name, end in ends.items():
+            self.assertIn("palette" if name.startswith("bad") else "None", str(end), name)
+
+    def test_tiff_of_streams_without_checksums(self):
+        strips = [b"".join(row(y) for y in range(top, min(top + 10, HEIGHT))) for top in range(0, HEIGHT, 10)]
+
+        def packed(data):  # PackBits: in pieces of 100 bytes as they are
+            return b"".join(bytes([len(data[i : i + 100]) - 1]) + data[i : i + 100] for i in range(0, len(data), 100))
+
+        def lzw(data):  # TIFF's: the highest bit first, codes get longer one early
+            table, codes, word = {bytes([i]): i for i in range(256)}, [(256, 9)], b""
+            for byte in data:
+                longer = word + bytes([byte])
+                if longer in table:
+                    word = longer
+                    continue
+                codes.append((table[word], (len(table) + 2).bit_length()))
+                table[longer] = len(table) + 2
+                word = bytes([byte])
+                if len(table) == 4092:
+                    codes.append((256, 12))
+                    table = {bytes([i]): i for i in range(256)}
+            codes += [(table[word], (len(table) + 2).bit_length()), (257, (len(table) + 3).bit_length())]
+            bits = "".join(f"{code:0{width}b}" for code, width in codes)
+            return bytes(int(bits[i : i + 8].ljust(8, "0"), 2) for i in range(0, len(bits), 8))
+
+        for compression, code in ((5, lzw), (32773, packed)):
+            good, start = tiff(strips, rows=10, compression=compression, code=code)
+            whole, _ = tiff(strips[:-1] + [strips[-1] + bytes(6 * 3 * WIDTH)], rows=10, compression=compression, code=code)
+            ends, written = self.convert({"good.tif": good, "whole.tif": whole})
+            self.assertEqual(ends, {"good.tif": None, "whole.tif": None})
+            self.assertEqual(written["good.tif"], written["whole.tif"])
+            bad = {f"{what}.tif": tiff([*strips[:-2], change(strips[-2]), strips[-1]], rows=10, compression=compression,
+                                       code=code)[0] for what, change in
+                   (("short", lambda d: d[:-1]), ("long", lambda d: d[:-40] + bytes(80)), ("half", lambda d: d[: len(d) // 2]))}
+            self.refused({"good.tif": good, **bad})
 
     def test_tiff_fields_that_cannot_be(self):
         strip = b"".join(row(y) for y in range(HEIGHT))
