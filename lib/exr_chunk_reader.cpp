@@ -16,6 +16,7 @@
 #include <thread>
 #include <utility>
 
+#include "byte_cursor.h"
 #include "decoder.h"
 #include "exr_piz.h"
 #include "exr_zip.h"
@@ -32,52 +33,6 @@ std::int32_t int_at(const std::uint8_t* bytes) {
   std::memcpy(&value, bytes, sizeof value);
   return value;
 }
-
-// Bytes of a file one after another, as headers are read.
-class Cursor {
- public:
-  static constexpr std::size_t kLongestName = 255;
-
-  Cursor(int fd, std::uint64_t size, std::uint64_t position) : fd_(fd), size_(size), position_(position) {}
-
-  std::uint64_t position() const { return position_; }
-  Result<Ok> skip(std::uint64_t count) {
-    if (count > size_ - std::min(position_, size_)) return damaged_file("unexpected end of file");
-    position_ += count;
-    return Ok{};
-  }
-  Result<std::uint8_t> byte() {
-    if (position_ < start_ || position_ >= start_ + filled_) {
-      if (position_ >= size_) return damaged_file("unexpected end of file");
-      start_ = position_;
-      filled_ = std::min<std::uint64_t>(sizeof buffer_, size_ - position_);
-      ENVCONV_CHECK(read_at(fd_, start_, std::span(buffer_).first(static_cast<std::size_t>(filled_))));
-    }
-    return buffer_[position_++ - start_];
-  }
-  // Bytes before a zero, which is skipped too.
-  Result<std::string> text() {
-    std::string word;
-    for (;;) {
-      ENVCONV_TRY(const std::uint8_t c, byte());
-      if (c == 0) return word;
-      if (word.size() == kLongestName) return damaged_file("a name in its header that does not end");
-      word += static_cast<char>(c);
-    }
-  }
-  Result<std::int32_t> integer() {
-    std::uint8_t bytes[4];
-    for (std::uint8_t& b : bytes) {
-      ENVCONV_TRY(b, byte());
-    }
-    return int_at(bytes);
-  }
-
- private:
-  int fd_;
-  std::uint64_t size_, position_, start_ = 0, filled_ = 0;
-  std::uint8_t buffer_[4096];
-};
 
 constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the version
 
@@ -264,7 +219,7 @@ bool holds_deep_data(int fd) { return has_flag(fd, 0x08); }
 
 Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
   const bool several = is_multi_part(fd);
-  Cursor cursor(fd, file_size, kFirstHeader);
+  ByteCursor cursor(fd, file_size, kFirstHeader);
   for (;;) {
     // A header: name, type, size and value of each attribute, and an empty name.
     std::vector<std::string> names;
@@ -278,9 +233,9 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
       }
       names.push_back(std::move(name));
       ENVCONV_CHECK(cursor.text());
-      ENVCONV_TRY(const std::int32_t size, cursor.integer());
-      if (size < 0) return damaged_file("an attribute of negative size");
-      ENVCONV_CHECK(cursor.skip(static_cast<std::uint64_t>(size)));
+      ENVCONV_TRY(const std::uint64_t size, cursor.little(4));
+      if (size >> 31 != 0) return damaged_file("an attribute of negative size");
+      ENVCONV_CHECK(cursor.skip(size));
     }
   }
 }

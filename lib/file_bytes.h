@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes of an open file, and a stream of them that is unpacked for its checksum.  Internal: not installed.
+// Bytes of an open file.  Internal: not installed.
 #pragma once
 
 #include <cstdint>

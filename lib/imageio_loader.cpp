@@ -14,6 +14,7 @@
 #include <mutex>
 #include <vector>
 
+#include "block_damage.h"
 #include "color_encoding.h"
 #include "icc_profile.h"
 #include "output_file.h"
@@ -114,9 +115,7 @@ class ModuleDecoder final : public Decoder {
 
   const FileSpec& spec() const override { return spec_; }
   Result<Ok> decode(int, void* pixels) override {
-    // What the image library would pass over.
-    if (format_ == "png") ENVCONV_CHECK(check_png(fd_));
-    if (format_ == "tiff") ENVCONV_CHECK(check_tiff(fd_, level_));
+    ENVCONV_CHECK(check_damage());
     const PictureSpec& p = spec_.pictures.front();
     const std::size_t bytes = bytes_of_rows(p, p.height);
     char error[1024] = "";
@@ -125,6 +124,17 @@ class ModuleDecoder final : public Decoder {
   }
 
  private:
+  // What the image library would pass over.
+  Result<Ok> check_damage() const {
+    if (format_ == "png") return check_png(fd_);
+    if (format_ == "tiff") return check_tiff(fd_, level_);
+    if (format_ == "gif") return check_gif(fd_);
+    if (format_ == "targa") return check_targa(fd_);
+    if (format_ == "bmp") return check_bmp(fd_);
+    if (format_ == "jpeg2000") return check_jpeg2000(fd_);
+    return Ok{};
+  }
+
   const EnvconvImageio& module_;
   void* handle_;
   FileSpec spec_;

@@ -9,6 +9,8 @@
 #include <csetjmp>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
+#include <iterator>
 #include <memory>
 #include <span>
 #include <string>
@@ -84,6 +86,16 @@ void hear(j_common_ptr jpeg, int level) {
   give_up(jpeg);
 }
 
+// Steps are 1 or more (ITU-T T.81, B.2.4.1); of 0, nothing would be left.
+bool quantisers_make_sense(const jpeg_decompress_struct& jpeg) {
+  for (const jpeg_component_info& component :
+       std::span(jpeg.comp_info, static_cast<std::size_t>(jpeg.num_components))) {
+    const JQUANT_TBL* table = jpeg.quant_tbl_ptrs[component.quant_tbl_no];
+    if (table && std::ranges::find(table->quantval, 0) != std::end(table->quantval)) return false;
+  }
+  return true;
+}
+
 // Decodes to an eighth of the size, which spares most of the transform and needs all of the data.
 bool decode(jpeg_decompress_struct& jpeg, Source& source, Messages& messages) {
   jpeg.err = jpeg_std_error(&messages.manager);
@@ -103,6 +115,10 @@ bool decode(jpeg_decompress_struct& jpeg, Source& source, Messages& messages) {
   jpeg.scale_denom = 8;
   jpeg.do_fancy_upsampling = FALSE;
   jpeg_start_decompress(&jpeg);
+  if (!quantisers_make_sense(jpeg)) {
+    std::strcpy(messages.text.data(), "a quantisation table with zeros");
+    return false;
+  }
   // libjpeg's own memory, which goes with it.
   JSAMPARRAY row = jpeg.mem->alloc_sarray(reinterpret_cast<j_common_ptr>(&jpeg), JPOOL_IMAGE,
                                           jpeg.output_width * static_cast<JDIMENSION>(jpeg.output_components), 1);

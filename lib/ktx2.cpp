@@ -188,6 +188,7 @@ class Ktx2Decoder final : public TextureDecoder {
   }
 
   Result<Ok> read_pairs(const Extent& at) {
+    if (at.size == 0 && at.offset != 0) return damaged_texture("its keys and values have a place and no size");
     if (at.size == 0) return Ok{};
     if (at.offset < kHeaderSize || at.size > (1u << 20) || !is_inside(at)) {
       return damaged_texture("its keys and values lie outside the file, or are too many");
@@ -233,7 +234,7 @@ class Ktx2Decoder final : public TextureDecoder {
       if (extent.size == 0) return damaged_texture(which + " is empty");
       if (!is_inside(extent)) return truncated_texture();
       taken.push_back(extent);
-      if (level == level_) extent_ = extent;
+      extents_.push_back(extent);
     }
     std::sort(taken.begin(), taken.end(), [](const Extent& a, const Extent& b) { return a.offset < b.offset; });
     for (std::size_t i = 1; i < taken.size(); ++i) {
@@ -251,18 +252,31 @@ class Ktx2Decoder final : public TextureDecoder {
   Result<std::vector<std::uint8_t>> read_surface(int picture) override {
     const std::uint64_t bytes = level_bytes(level_) / static_cast<std::uint64_t>(shape_.pictures);
     const std::uint64_t at = static_cast<std::uint64_t>(picture) * bytes;
-    if (scheme_ == Supercompression::none) return TextureDecoder::read_at(extent_.offset + at, bytes);
+    const Extent wanted = extents_[static_cast<std::size_t>(level_)];
+    if (scheme_ == Supercompression::none) return TextureDecoder::read_at(wanted.offset + at, bytes);
     if (level_data_.empty()) {
-      ENVCONV_TRY(const std::vector<std::uint8_t> packed, TextureDecoder::read_at(extent_.offset, extent_.size));
+      ENVCONV_TRY(const std::vector<std::uint8_t> packed, TextureDecoder::read_at(wanted.offset, wanted.size));
       ENVCONV_TRY(level_data_, inflated(packed, scheme_, level_bytes(level_)));
+      ENVCONV_CHECK(check_smaller_levels());
     }
     const auto begin = level_data_.begin() + static_cast<std::ptrdiff_t>(at);
     return std::vector<std::uint8_t>(begin, begin + static_cast<std::ptrdiff_t>(bytes));
   }
 
+  // They must be what the file says too, although nobody asked for them; together they are no larger than the level
+  // that was.
+  Result<Ok> check_smaller_levels() {
+    for (int level = level_ + 1; level < shape_.levels; ++level) {
+      const Extent extent = extents_[static_cast<std::size_t>(level)];
+      ENVCONV_TRY(const std::vector<std::uint8_t> packed, TextureDecoder::read_at(extent.offset, extent.size));
+      ENVCONV_CHECK(inflated(packed, scheme_, level_bytes(level)));
+    }
+    return Ok{};
+  }
+
   std::uint64_t file_size_ = 0;
   Supercompression scheme_ = Supercompression::none;
-  Extent extent_{};                       // of the level that is wanted
+  std::vector<Extent> extents_;           // of the levels
   std::vector<std::uint8_t> level_data_;  // unpacked, once it was needed
 };
 

@@ -56,9 +56,27 @@ struct Extent {
   std::uint64_t offset, size;
 };
 
+// What libtiff said.
+struct Heard {
+  std::string error;     // the last
+  bool guessed = false;  // it takes the sizes of strips from the picture's where those in the file cannot be
+  bool corrupt = false;  // libjpeg makes up what it lacks
+};
+
+int hear_warning(TIFF*, void* to, const char* module, const char* format, va_list arguments) {
+  auto& heard = *static_cast<Heard*>(to);
+  if (std::strncmp(format, "Bogus ", 6) == 0) heard.guessed = true;
+  char text[256];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  if (std::strcmp(module ? module : "", "JPEGLib") == 0 &&
+      (std::strncmp(text, "Corrupt", 7) == 0 || std::strncmp(text, "Premature", 9) == 0))
+    heard.corrupt = true;
+  return 1;
+}
+
 class Checker {
  public:
-  explicit Checker(TIFF* tiff, const Bytes& bytes) : tiff_(tiff), bytes_(bytes) {}
+  Checker(TIFF* tiff, const Bytes& bytes, Heard& heard) : tiff_(tiff), bytes_(bytes), heard_(heard) {}
 
   // Whether what the fields say of the samples goes together.
   Result<Ok> samples() const {
@@ -109,10 +127,11 @@ class Checker {
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &compression);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_FILLORDER, &order);
     const bool deflated = compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE;
-    if (!deflated && compression != COMPRESSION_LZW && compression != COMPRESSION_PACKBITS) return Ok{};
+    if (compression == COMPRESSION_NONE) return Ok{};
     const tmsize_t largest = TIFFIsTiled(tiff_) ? TIFFTileSize(tiff_) : TIFFStripSize(tiff_);
     if (largest <= 0) return damaged_file("strips or tiles of no size");
     const auto full = static_cast<std::size_t>(largest);
+    if (!deflated && compression != COMPRESSION_LZW && compression != COMPRESSION_PACKBITS) return unpack(full);
     Checksum checksum(deflated ? full : 0);
     std::vector<std::uint8_t> packed;
     const std::uint32_t count = blocks();
@@ -154,6 +173,20 @@ class Checker {
     std::unique_ptr<std::uint8_t[]> unpacked_;
   };
 
+  // What libtiff's decoders complain of while they go on: the image library takes what they leave for pixels.
+  Result<Ok> unpack(std::size_t full) const {
+    const auto room = std::make_unique_for_overwrite<std::uint8_t[]>(full);
+    const auto size = static_cast<tmsize_t>(full);
+    heard_.error.clear();
+    for (std::uint32_t i = 0; i < blocks(); ++i) {
+      const tmsize_t made = TIFFIsTiled(tiff_) ? TIFFReadEncodedTile(tiff_, i, room.get(), size)
+                                               : TIFFReadEncodedStrip(tiff_, i, room.get(), size);
+      if (made < 0 || !heard_.error.empty() || heard_.corrupt)
+        return damaged_file(name_of(i) + " does not unpack" + (heard_.error.empty() ? "" : ": " + heard_.error));
+    }
+    return Ok{};
+  }
+
   // Bytes of a strip or tile, unpacked, of which a strip at the bottom may have fewer.
   std::uint64_t bytes_of(std::uint32_t i, std::size_t full) const {
     if (TIFFIsTiled(tiff_)) return full;
@@ -172,6 +205,7 @@ class Checker {
 
   TIFF* tiff_;
   const Bytes& bytes_;
+  Heard& heard_;
 };
 
 }  // namespace
@@ -179,26 +213,18 @@ class Checker {
 Result<Ok> check_tiff(int fd, int picture) {
   ENVCONV_TRY(const std::uint64_t file_size, size_of_file(fd));
   Bytes bytes{fd, file_size};
-  std::string message;
-  bool guessed = false;
-  const auto options = tiff_messages_to(message);
-  // libtiff takes the sizes of strips from the picture's where those in the file cannot be.
-  TIFFOpenOptionsSetWarningHandlerExtR(
-      options.get(),
-      [](TIFF*, void* to, const char*, const char* format, va_list) {
-        if (std::strncmp(format, "Bogus ", 6) == 0) *static_cast<bool*>(to) = true;
-        return 1;
-      },
-      &guessed);
+  Heard heard;
+  const auto options = tiff_messages_to(heard.error);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), hear_warning, &heard);
   const std::unique_ptr<TIFF, void (*)(TIFF*)> tiff(
       TIFFClientOpenExt("the file", "rm", &bytes, read_bytes, write_nothing, seek, close, size, nullptr, nullptr,
                         options.get()),
       TIFFClose);
-  const auto told = [&] { return damaged_file(message.empty() ? "libtiff gave no reason" : message); };
+  const auto told = [&] { return damaged_file(heard.error.empty() ? "libtiff gave no reason" : heard.error); };
   if (!tiff) return told();
-  Checker checker(tiff.get(), bytes);
+  Checker checker(tiff.get(), bytes, heard);
   for (int i = 0; i < most_pictures; ++i) {
-    if (guessed) return damaged_file("sizes of strips that cannot be");
+    if (heard.guessed) return damaged_file("sizes of strips that cannot be");
     ENVCONV_CHECK(checker.extents());
     if (i == picture) {
       ENVCONV_CHECK(checker.samples());

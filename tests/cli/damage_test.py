@@ -186,9 +186,8 @@ class Damage(unittest.TestCase):
         def of(depth, color, colors, filters, interlaced=0):
             # All index 1, and one pixel of another colour.
             width, height = WIDTH, HEIGHT
-            passes = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
             data = b""
-            for x0, y0, dx, dy in passes if interlaced else ((0, 0, 1, 1),):
+            for x0, y0, dx, dy in ADAM7 if interlaced else ((0, 0, 1, 1),):
                 above = None
                 for y in range(y0, height, dy):
                     indices = [color if (x, y) == (45, 23) else 1 for x in range(x0, width, dx)]
@@ -271,6 +270,7 @@ class Damage(unittest.TestCase):
                "early-end": good[:middle] + good[-2:], "cut": good[:middle], "no-end": good[:-2],
                "marker": good[:middle] + b"\xff\xd3" + good[middle:],
                "small": corpus.replaced(good, frame, struct.pack(">HH", 8, 16)),
+               "quantiser": corpus.replaced(good, good.index(b"\xff\xdb") + 9, b"\0"),
                "more": good[:-2] + bytes(64) + good[-2:], "progressive": good.replace(b"\xff\xc0", b"\xff\xc2"),
                "arithmetic": good.replace(b"\xff\xc0", b"\xff\xc9")}
         self.refused({"good.jpg": good, **{f"{what}.jpg": data for what, data in bad.items()}})
@@ -368,6 +368,36 @@ class Damage(unittest.TestCase):
         chunk, = struct.unpack_from("<Q", good, table)
         self.refused({"good.exr": good, "zeros.exr": good[: chunk + 8] + bytes(len(good) - chunk - 8)})
 
+    def test_blocks_up_to_the_last(self):
+        (self.folder / "in.png").write_bytes(png())
+        oiiotool, ffmpeg = ("oiiotool", "in.png", "-o"), ("ffmpeg", "-v", "error", "-i", "in.png")
+        for name, words in (("a.gif", oiiotool), ("a.jp2", ffmpeg), ("a.j2k", ffmpeg), ("a.bmp", oiiotool), ("raw.tga", oiiotool),
+                            ("runs.tga", (*oiiotool[:2], "--compression", "rle", "-o"))):
+            subprocess.run([*words, name], cwd=self.folder, check=True, capture_output=True)
+            kind = name.split(".")[1]
+            good = (self.folder / name).read_bytes()
+            if kind == "j2k":  # without the boxes
+                good = good[good.index(b"\xff\x4f\xff\x51") :]
+            size = len(good)
+            cuts = {f"cut{n}.{kind}": good[:-n] for n in (1, 2, 7, 18, 26, 27, size // 3, size // 2)}
+            if kind != "bmp":
+                cuts[f"zeros.{kind}"] = good[: size // 2] + bytes(size - size // 2)
+            self.refused({name: good, **cuts})
+            tail = good + bytes(99)
+            ends, _ = self.convert({f"tail.{kind}": tail}, "--from", "latlong")
+            # Of Targa the end is what tells whether there are areas behind the pixels.
+            self.assertEqual(bool(ends[f"tail.{kind}"]), kind == "tga", name)
+        bmp = (self.folder / "a.bmp").read_bytes()
+        self.assertEqual(struct.unpack_from("<iiHHI", bmp, 18), (WIDTH, HEIGHT, 1, 24, 0))
+        cases = {"low": (22, HEIGHT // 2), "narrow": (18, WIDTH // 2), "place": (10, 20), "packed": (30, 0x10000),
+                 "bits": (28, 8)}
+        self.refused({"good.bmp": bmp, "down.bmp": corpus.replaced(bmp, 22, struct.pack("<i", -HEIGHT + 1)),
+                      **{f"{what}.bmp": corpus.replaced(bmp, at, struct.pack("<i", v)) for what, (at, v) in cases.items()}})
+        # One pixel of a run more than there are.
+        good = bytes([0, 0, 10]) + bytes(9) + struct.pack("<HHBB", WIDTH, HEIGHT, 24, 0) + b"\x97abc" * (2 * HEIGHT)
+        self.refused({"good.tga": good, "run.tga": good[:-4] + b"\x98abc", "fewer.tga": good[:-4] + b"\x96abc"})
+        self.assertEqual(0x97 - 127, WIDTH // 2)
+
     def test_nothing_finite(self):
         for what in ("nan", "inf"):
             write_exr(self.folder / "no.exr", WIDTH, HEIGHT, lambda x, y: (float(what),) * 3)
@@ -413,6 +443,16 @@ class Damage(unittest.TestCase):
             offset, size = struct.unpack_from("<QQ", good, 80)
             self.assertEqual(offset + size, len(good))
             self.check(compression + ".ktx2", good, offset)
+        # Levels that nobody asked for.
+        for compression in ("zlib", "zstd"):
+            good = self.make("l.ktx2", "--size", "16", "--type", "half", "--compression", compression)
+            offset, size, unpacked = struct.unpack_from("<QQQ", good, 80 + 24)
+            bad = {"shorter": corpus.replaced(good, 88 + 24, struct.pack("<Q", size - 1)),
+                   "flip": corpus.replaced(good, offset + size // 2, bytes([good[offset + size // 2] ^ 4]))}
+            ends, _ = self.convert({"l.ktx2": good, **{f"{what}.ktx2": data for what, data in bad.items()}})
+            self.assertIsNone(ends.pop("l.ktx2"))
+            for name, end in ends.items():
+                self.assertEqual((end or [None])[0], 3, name)
 
 
 if __name__ == "__main__":
