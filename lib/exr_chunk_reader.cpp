@@ -9,6 +9,7 @@
 #include <limits>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -21,6 +22,7 @@
 #include "exr_piz.h"
 #include "exr_zip.h"
 #include "file_bytes.h"
+#include "output_file.h"
 #include "row_kernels.h"
 
 namespace envconv {
@@ -40,6 +42,18 @@ constexpr std::uint64_t kFirstHeader = 8;  // after the magic number and the ver
 constexpr std::array<std::string_view, 8> kRequired{"channels",           "compression",      "dataWindow",
                                                     "displayWindow",      "lineOrder",        "pixelAspectRatio",
                                                     "screenWindowCenter", "screenWindowWidth"};
+
+// Of the value of "channels": names, and 16 bytes for each.  OpenEXR takes a name that comes twice for one channel.
+Result<Ok> check_channels(ByteCursor cursor) {
+  std::set<std::string> names;
+  for (;;) {
+    ENVCONV_TRY(std::string name, cursor.text());
+    if (name.empty()) return Ok{};
+    ENVCONV_CHECK(cursor.skip(16));
+    const auto [place, is_new] = names.insert(std::move(name));
+    if (!is_new) return damaged_file("it has channel " + printable(*place) + " twice");
+  }
+}
 
 // After the last attribute, whose names are given.
 Result<Ok> check_header(const std::vector<std::string>& names) {
@@ -235,6 +249,7 @@ Result<std::uint64_t> find_offset_tables(int fd, std::uint64_t file_size) {
       ENVCONV_CHECK(cursor.text());
       ENVCONV_TRY(const std::uint64_t size, cursor.little(4));
       if (size >> 31 != 0) return damaged_file("an attribute of negative size");
+      if (names.back() == "channels") ENVCONV_CHECK(check_channels(cursor));
       ENVCONV_CHECK(cursor.skip(size));
     }
   }

@@ -287,9 +287,11 @@ Result<Recognition> recognize_one(const PictureFile& file, const InputHints& hin
   if (const auto entry = file.metadata.find("envmap"); entry != file.metadata.end()) {
     const bool is_cube = entry->second == "cube";
     const Layout* layout = find_layout(is_cube ? "openexr-cube" : "latlong-inclusive");
-    if (!is_cube && entry->second != "latlong") {
-      r.warnings.push_back("its envmap attribute is \"" + entry->second + "\", which is unknown: ignored");
-    } else if (const std::optional<Fit> found = fit(*layout, told ? *told : default_packing(*layout), size)) {
+    if (!is_cube && entry->second != "latlong")
+      return Error{ErrorCode::input, file.path + ": its envmap attribute is \"" + printable(entry->second) +
+                                         "\", which is no kind of environment that is known (say what it is with "
+                                         "--from)"};
+    if (const std::optional<Fit> found = fit(*layout, told ? *told : default_packing(*layout), size)) {
       return take(std::move(r), *found, "from its envmap attribute (" + entry->second + ")");
     } else {
       r.warnings.push_back("its envmap attribute says " + entry->second + ", but " + text(size) + " is not " +

@@ -188,6 +188,9 @@ TEST(Recognize, ByTheEnvmapAttribute) {
   EXPECT_EQ(recognized(file(512, 256, {{"envmap", "latlong"}})), "latlong-inclusive row 256");
   EXPECT_EQ(recognized(file(32, 192, {{"envmap", "cube"}})), "openexr-cube column 32");
   // The size is right where the attribute is not.
+  const PictureFile odd = file(512, 256, {{"envmap", "unknown 77"}});
+  EXPECT_TRUE(contains(recognized(odd), "unknown 77"));
+  EXPECT_EQ(recognized(odd, {.layout = layout("latlong")}), "latlong row 256");
   const PictureFile wrong = file(512, 256, {{"envmap", "cube"}});
   EXPECT_EQ(recognized(wrong), "latlong row 256");
   ASSERT_EQ(recognize(wrong, {})->warnings.size(), 1u);

@@ -328,6 +328,9 @@ class Damage(unittest.TestCase):
         said = self.refused({"good.exr": good, **bad})
         for name in names:
             self.assertIn(f"its header has no {name}", said[f"no-{name}.exr"])
+        # A name twice: OpenEXR makes one channel of both.
+        said = self.refused({"good.exr": good, "twice.exr": good.replace(b"\0B\0", b"\0R\0", 1).replace(b"chlist\0\x37\0\0\0B", b"chlist\0\x37\0\0\0R")})
+        self.assertIn("has channel R twice", said["twice.exr"])
 
     def test_exr_chunks_that_do_not_unpack_to_their_pixels(self):
         # PIZ: a stream that breaks off, and one that is whole of other channels than the header says.

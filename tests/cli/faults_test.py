@@ -307,7 +307,10 @@ class Values(Case):
             write_exr(self.path(f"{name}.exr"), 16, 8, lambda x, y: (1, 1, 1), attributes={"envmap": ("envmap", value)})
         # 16x8 is no cube: the size wins, and a warning says so.
         self.run_tool("convert", "cube.exr", "-o", "out.exr").says("cube.exr: warning: ")
-        self.run_tool("convert", "odd.exr", "-o", "out.exr", "--from", "latlong")
+        # A kind that OpenEXR does not know could be anything.
+        self.run_tool("convert", "odd.exr", "-o", "odd.png", expect=3).says("odd.exr: ", "unknown 77", "--from")
+        self.assertFalse(self.path("odd.png").exists())
+        self.run_tool("convert", "odd.exr", "-o", "odd.png", "--from", "latlong")
 
 
 class Files(Case):
