@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "recognize.h"
-
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <numeric>
 #include <optional>
 #include <string_view>
@@ -11,189 +7,16 @@
 
 #include "assertion.h"
 #include "mip.h"
+#include "recognize_shared.h"
 #include "texture_file.h"
 
 namespace envconv {
 
 namespace {
 
-std::string text(Size size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
-std::string text(std::string_view word) { return std::string(word); }
-
-std::string text(double number) {
-  char buffer[32];
-  const std::to_chars_result end = std::to_chars(buffer, buffer + sizeof buffer, number + 0.0);  // no -0
-  return {buffer, end.ptr};
-}
-
-std::string joined(const std::vector<std::string>& words) {
-  std::string all;
-  for (const std::string& word : words) all += (all.empty() ? "" : ", ") + word;
-  return all;
-}
-
 Size size_of(const Picture& picture) { return {picture.image.width(), picture.image.height()}; }
 
-bool is_apart(const Packing& packing) { return packing.name == "files" || packing.name == "parts"; }
-
-// --- what the metadata says -----------------------------------------------------------------------------------------
-
-struct Recorded {
-  const Layout* layout = nullptr;
-  const Packing* packing = nullptr;
-  const Frame* frame = nullptr;
-  Rotation rotation;
-  RecordedLevels levels;
-};
-
-// A whole number in [least, most], or 0.
-int parse_count(const std::string& text, int least, int most) {
-  int number = 0;
-  const std::from_chars_result r = std::from_chars(text.data(), text.data() + text.size(), number);
-  return r.ec == std::errc() && r.ptr == text.data() + text.size() && number >= least && number <= most ? number : 0;
-}
-
-bool parse(std::string_view words, Rotation& rotation) {
-  const char *at = words.data(), *end = at + words.size();
-  double* const angles[] = {&rotation.yaw, &rotation.pitch, &rotation.roll};
-  for (int i = 0; i < 3; ++i) {
-    if (i > 0 && (at == end || *at++ != ',')) return false;
-    const std::from_chars_result r = std::from_chars(at, end, *angles[i]);
-    if (r.ec != std::errc() || !std::isfinite(*angles[i])) return false;
-    at = r.ptr;
-  }
-  return at == end;
-}
-
-// Words that this version does not know are reported and otherwise as if they were not there.
-Recorded read_metadata(const Metadata& metadata, std::vector<std::string>& warnings) {
-  Recorded recorded;
-  const auto read = [&](const char* key, auto find, auto& into) {
-    const auto entry = metadata.find(key);
-    if (entry == metadata.end()) return;
-    if (const auto* found = find(entry->second))
-      into = found;
-    else
-      warnings.push_back(text(key) + " is \"" + entry->second + "\", which is unknown: ignored");
-  };
-  read("envconv:layout", find_layout, recorded.layout);
-  read("envconv:packing", find_packing, recorded.packing);
-  read("envconv:frame", find_frame, recorded.frame);
-  if (const auto entry = metadata.find("envconv:rotation"); entry != metadata.end()) {
-    if (Rotation rotation; parse(entry->second, rotation))
-      recorded.rotation = rotation;
-    else
-      warnings.push_back("envconv:rotation is \"" + entry->second + "\", not three angles: ignored");
-  }
-  if (const auto entry = metadata.find("envconv:seam"); entry != metadata.end()) {
-    if (const Result<Seam> seam = parse_seam(entry->second))
-      recorded.levels.seam = *seam;
-    else
-      warnings.push_back("envconv:seam is \"" + entry->second + "\", which is unknown: ignored");
-  }
-  if (const auto entry = metadata.find("envconv:size"); entry != metadata.end())
-    recorded.levels.height = parse_count(entry->second, 1, 1 << 24);
-  if (const auto entry = metadata.find("envconv:level"); entry != metadata.end())
-    recorded.levels.level = parse_count(entry->second, 0, 31);
-  return recorded;
-}
-
-// --- shapes
-// -----------------------------------------------------------------------------------------------------------
-
-// A way to read one picture.
-struct Fit {
-  const Layout* layout;
-  const Packing* packing;
-  int height;
-};
-
-std::optional<Fit> fit(const Layout& layout, const Packing& packing, Size size) {
-  if (!is_apart(packing)) {
-    const std::optional<int> height = height_from_packed_size(layout, packing, size);
-    return height ? std::optional(Fit{&layout, &packing, *height}) : std::nullopt;
-  }
-  // A layout of one face is one file, or one part.
-  if (layout.face_count() != 1 || size.height < 1 || face_size(layout, 0, size.height) != size) return std::nullopt;
-  return Fit{&layout, &packing, size.height};
-}
-
-// The packings of a layout that make one image, the default first.  Those that put faces in the same places as an
-// earlier one are left out.
-std::vector<const Packing*> distinct_packings(const Layout& layout) {
-  constexpr int height = 16;
-  std::vector<const Packing*> packings{&default_packing(layout)};
-  for (const Packing& packing : all_packings())
-    if (!is_apart(packing) && packs(packing, layout)) packings.push_back(&packing);
-  std::vector<PackedShape> shapes;
-  std::erase_if(packings, [&](const Packing* packing) {
-    const Result<PackedShape> shape = packed_shape(layout, *packing, height);
-    if (!shape) return true;
-    const auto same_cell = [](const Cell& a, const Cell& b) {
-      return a.x == b.x && a.y == b.y && a.quarter_turns == b.quarter_turns;
-    };
-    for (const PackedShape& other : shapes)
-      if (std::ranges::equal(other.cells, shape->cells, same_cell)) return true;
-    shapes.push_back(*shape);
-    return false;
-  });
-  return packings;
-}
-
-std::optional<Fit> fit_any(const Layout& layout, Size size) {
-  for (const Packing* packing : distinct_packings(layout))
-    if (const std::optional<Fit> found = fit(layout, *packing, size)) return found;
-  return std::nullopt;
-}
-
-// "6:1", or "1.843:1" where it is no ratio of small numbers.
-std::string ratio(const Layout& layout, const Packing& packing) {
-  const Result<PackedShape> shape = packed_shape(layout, packing, 10000);
-  if (!shape) return "?";
-  const auto [w, h] = shape->size;
-  const int divisor = std::gcd(w, h);
-  if (w / divisor <= 64 && h / divisor <= 64) return std::to_string(w / divisor) + ":" + std::to_string(h / divisor);
-  return "about " + text(std::round(1000.0 * w / h) / 1000) + ":1";
-}
-
-// "6:1 (row), 1:6 (column), 3:2 (grid, youtube)"
-std::string expected_shapes(const Layout& layout) {
-  std::vector<std::pair<std::string, std::vector<std::string>>> shapes;
-  for (const Packing* packing : distinct_packings(layout)) {
-    const std::string r = ratio(layout, *packing);
-    auto known = std::ranges::find_if(shapes, [&](const auto& shape) { return shape.first == r; });
-    if (known == shapes.end()) known = shapes.insert(shapes.end(), {r, {}});
-    known->second.push_back(text(packing->name));
-  }
-  if (layout.face_count() == 1) return shapes[0].first;
-  std::vector<std::string> words;
-  for (const auto& [r, names] : shapes) words.push_back(r + " (" + joined(names) + ")");
-  return joined(words);
-}
-
-// True when all pixels outside the cells have one and the same value.
-bool unused_cells_are_constant(const Image& image, const PackedShape& shape) {
-  const float* first = nullptr;
-  const int side = shape.cells[0].size.height;  // of the squares that crosses are made of
-  ENVCONV_ASSERT(Size{image.width(), image.height()} == shape.size && shape.size.width % side == 0);
-  const auto channels = static_cast<std::size_t>(image.channels());
-  for (int y = 0; y < image.height(); ++y)
-    for (int x0 = 0; x0 < image.width(); x0 += side) {
-      const bool is_used = std::ranges::any_of(
-          shape.cells, [&](const Cell& cell) { return cell.x == x0 && y >= cell.y && y < cell.y + side; });
-      if (is_used) continue;
-      if (!first) first = image.at(x0, y);
-      for (int x = x0; x < x0 + side; ++x)
-        for (std::size_t c = 0; c < channels; ++c) {
-          const float a = first[c], b = image.at(x, y)[c];
-          if (a != b && !(std::isnan(a) && std::isnan(b))) return false;
-        }
-    }
-  return true;
-}
-
 // --- one picture
-// --------------------------------------------------------------------------------------------------------
 
 // Shapes that have one usual meaning.
 struct UsualShape {
@@ -251,25 +74,6 @@ Result<Recognition> recognize_known(const PictureFile& file, const InputHints& h
     r.warnings.push_back("its metadata says packing " + text(packing->name) + ", but its size is that of " +
                          text(found->packing->name));
   return take(std::move(r), *found, how);
-}
-
-// All that a picture of this size could be, with their names.  `told` is the packing that it must have, or nullptr.
-struct Possible {
-  std::vector<Fit> fits;
-  std::vector<std::string> names;
-};
-Possible possible_fits(Size size, const Packing* told) {
-  Possible possible;
-  for (const Layout& layout : all_layouts())
-    for (const Packing* packing : distinct_packings(layout)) {
-      if (told && told != packing) continue;
-      const std::optional<Fit> found = fit(layout, *packing, size);
-      if (!found) continue;
-      possible.fits.push_back(*found);
-      const bool is_default = packing == &default_packing(layout);
-      possible.names.push_back(text(layout.name()) + (is_default ? "" : " (" + text(packing->name) + ")"));
-    }
-  return possible;
 }
 
 // Of one picture that is said to be stored apart, only the layout is unknown.
@@ -331,7 +135,6 @@ Result<Recognition> recognize_one(const PictureFile& file, const InputHints& hin
 }
 
 // --- a picture for every face
-// ---------------------------------------------------------------------------------------------
 
 // For every face the picture that has its name; empty when names do not match one to one.
 std::vector<std::size_t> order_by_name(const Layout& layout, const std::vector<Picture>& pictures) {
@@ -596,24 +399,6 @@ Result<EnvImage> to_environment(PictureFile file, const Recognition& recognition
     environment.faces = std::move(middle);
   }
   return environment;
-}
-
-Metadata metadata_of(const Layout& layout, const Packing& packing, const Frame& frame, const Rotation& rotation,
-                     const RecordedLevels& levels) {
-  Metadata metadata{{"envconv:layout", text(layout.name())},
-                    {"envconv:packing", text(packing.name)},
-                    {"envconv:frame", text(frame.name)},
-                    {"envconv:rotation", text(rotation.yaw) + "," + text(rotation.pitch) + "," + text(rotation.roll)}};
-  if (levels.seam.method != SeamMethod::none) metadata["envconv:seam"] = text_of(levels.seam);
-  if (levels.height > 0) metadata["envconv:size"] = std::to_string(levels.height);
-  if (levels.level > 0) metadata["envconv:level"] = std::to_string(levels.level);
-  // These two layouts are OpenEXR's own pictures as they stand; another frame would turn or mirror them, and gutters
-  // move them.
-  if (frame.name == "world" && levels.seam.gutter() == 0) {
-    if (layout.name() == "latlong-inclusive") metadata["envmap"] = "latlong";
-    if (layout.name() == "openexr-cube" && packing.name == "column") metadata["envmap"] = "cube";
-  }
-  return metadata;
 }
 
 }  // namespace envconv
