@@ -149,16 +149,17 @@ void add_options(Command& command, ConvertOptions& o) {
 
 Command convert_command() {
   auto options = std::make_shared<ConvertOptions>();
-  Command command{.name = "convert",
-                  .summary = "read any layout, resample, write any layout",
-                  .operands = "INPUT...",
-                  .description =
-                      "Reads each INPUT, resamples it and writes it as --output says.  An INPUT with {face} "
-                      "in its name stands for one file per face: 'sky_{face}.exr'.  Several inputs make a "
-                      "batch, which needs a template or a folder as its output; its files are converted side by side "
-                      "and reported in their order.  The layout of an input is recognised from its metadata, its "
-                      "container or its proportions.",
-                  .reads_files = true};
+  Command command{
+      .name = "convert",
+      .summary = "read any layout, resample, write any layout",
+      .operands = "INPUT...",
+      .description =
+          "Reads each INPUT, resamples it and writes it as --output says.  An INPUT with {face} "
+          "in its name stands for one file per face: 'sky_{face}.exr'; - is standard input.  Several inputs make a "
+          "batch, which needs a template or a folder as its output; its files are converted side by side "
+          "and reported in their order.  The layout of an input is recognised from its metadata, its "
+          "container or its proportions.",
+      .reads_files = true};
   add_options(command, *options);
   command.run = [options](const std::vector<std::string>& named) {
     const Result<std::vector<std::string>> inputs = all_inputs(*options, named);

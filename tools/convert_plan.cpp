@@ -15,6 +15,7 @@
 #include "analyze.h"
 #include "convert.h"
 #include "memory.h"
+#include "standard_input.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -217,7 +218,7 @@ Result<Ok> check_outputs(const ConvertPlan& plan, const std::vector<Job>& others
     for (const Job& job : *jobs) {
       for (const std::string& path : job.input.paths) {
         struct stat status;
-        if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = path;
+        if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = job.input.layout ? path : job.input.name;
       }
     }
   }
@@ -266,6 +267,8 @@ Result<std::vector<std::string>> all_inputs(const ConvertOptions& o, std::vector
     if (named.empty()) return usage("convert: INPUT... is missing (see 'envconv convert --help')");
     return named;
   }
+  if (o.files_from == "-" && std::ranges::find(named, standard_input) != named.end())
+    return usage("--files-from: standard input cannot be a list of names and a picture");
   const std::string shown = o.files_from == "-" ? "standard input" : o.files_from;
   const int fd = o.files_from == "-" ? STDIN_FILENO : open(o.files_from.c_str(), O_RDONLY | O_CLOEXEC);
   std::string text;

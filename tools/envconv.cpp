@@ -27,8 +27,8 @@ namespace {
 void hold_standard_streams() {
   for (int fd = 0; fd <= 2; ++fd) {
     if (fcntl(fd, F_GETFD) != -1) continue;
-    // Read-only, so that output to a closed stream is still an error.
-    if (open("/dev/null", O_RDONLY) < 0) return;
+    // The other way round, so that what uses a closed stream is still an error.
+    if (open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) < 0) return;
   }
 }
 

@@ -5,8 +5,10 @@
 
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
 #include "layout.h"
+#include "standard_input.h"
 
 namespace envconv::tool {
 namespace {
@@ -26,10 +28,24 @@ std::string recorded_space(const PictureFile& file) {
   return record == file.metadata.end() ? "" : record->second;
 }
 
+// Nobody needs to know where it was kept.
+Result<PictureFile> read_standard_input(const ReadOptions& options) {
+  const auto renamed = [](Error error) {
+    error.message = with_standard_input_named(std::move(error.message));
+    return error;
+  };
+  Result<PictureFile> file = read_pictures(standard_input_path(), options);
+  if (!file) return renamed(file.error());
+  file->path = standard_input;
+  for (std::string& warning : file->warnings) warning = with_standard_input_named(std::move(warning));
+  return file;
+}
+
 }  // namespace
 
 Input input_named(const std::string& name, const InputHints& hints) {
   struct stat status;
+  if (name == standard_input) return {name, {standard_input_path()}, nullptr};
   if (name.find(face_field) == std::string::npos || stat(name.c_str(), &status) == 0) return {name, {name}, nullptr};
   Input input{name, {}, hints.layout ? hints.layout : find_layout("cube")};
   for (const Face& face : input.layout->info().faces) input.paths.push_back(with_face(name, face.name));
@@ -37,6 +53,7 @@ Input input_named(const std::string& name, const InputHints& hints) {
 }
 
 Result<Ok> check_readable(const Input& input) {
+  if (input.name == standard_input) return keep_standard_input();
   for (const std::string& path : input.paths) {
     if (path.empty()) return Error{ErrorCode::input, "\"\": an empty name is no file"};
     struct stat status;
@@ -51,6 +68,7 @@ Result<Ok> check_readable(const Input& input) {
 }
 
 Result<PictureFile> read_input(const Input& input, const ReadOptions& options) {
+  if (input.name == standard_input) return read_standard_input(options);
   if (!input.layout) return read_pictures(input.paths.front(), options);
   PictureFile all;
   for (std::size_t i = 0; i < input.paths.size(); ++i) {

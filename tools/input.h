@@ -19,8 +19,8 @@ struct Input {
   const Layout* layout = nullptr;  ///< whose face names were filled in, or nullptr
 };
 
-/// Fills {face} in with the face names of the layout in `hints`, or else of `cube`.  A name that is a file as it
-/// stands is that file.
+/// "-" is standard input.  Fills {face} in with the face names of the layout in `hints`, or else of `cube`.  A name
+/// that is a file as it stands is that file.
 Input input_named(const std::string& name, const InputHints& hints);
 
 /// An error, before anything is read, when a file is missing or not a regular file.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "standard_input.h"
 #include "text.h"
 
 namespace envconv::tool {
@@ -89,6 +90,7 @@ std::string OutputName::expand_beginning(const NameFields& fields) const {
 
 NameFields fields_of_input(std::string_view path) {
   NameFields fields;
+  if (path == standard_input) path = "stdin";
   const std::size_t slash = path.rfind('/');
   fields.dir = slash == std::string_view::npos ? "." : slash == 0 ? "/" : std::string(path.substr(0, slash));
   std::string name(slash == std::string_view::npos ? path : path.substr(slash + 1));

@@ -35,6 +35,7 @@ add_executable(envconv
   tools/png.cpp
   tools/progress.cpp
   tools/report.cpp
+  tools/standard_input.cpp
   tools/svg.cpp
   tools/text.cpp
   ${command_sources})

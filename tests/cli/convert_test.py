@@ -3,6 +3,7 @@
 import math
 import os
 import pathlib
+import shlex
 import shutil
 import signal
 import struct
@@ -405,6 +406,39 @@ class Streams(Case):
         self.assertEqual((done.returncode, done.stdout), (0, b""))
         self.assertIn(b"%", done.stderr)
         self.assertTrue(done.stderr.endswith(b"\r\x1b[K"), "the bar is left on the screen")
+
+    def test_standard_input(self):
+        write_directions(self.path("in.exr"))
+        data = self.path("in.exr").read_bytes()
+        self.run_tool("convert", "in.exr", "-o", "file.exr").is_silent()
+        self.run_tool("convert", "-", "-o", "{stem}.exr", input=data).is_silent()  # a pipe
+        with open(self.path("in.exr"), "rb") as whole:
+            planned = self.run_tool("convert", "-", "-o", "redirected.exr", "--dry-run", stdin=whole).out
+            self.assertTrue(planned.startswith("-: latlong 64x32"), planned)
+            self.run_tool("convert", "-", "-o", "redirected.exr", stdin=whole).is_silent()
+            self.run_tool("convert", "-", "-o", "in.exr", stdin=whole, expect=2).says("in.exr: is the input - itself")
+            whole.seek(100)
+            self.run_tool("convert", "-", "-o", "x.exr", stdin=whole, expect=3).says("-: not a picture")
+        for name in ("stdin.exr", "redirected.exr"):
+            self.assertEqual(self.path(name).read_bytes(), self.path("file.exr").read_bytes(), name)
+        self.assertEqual(self.json("info", "-", input=data)["file"], "-")
+        self.assertEqual(self.json("compare", "-", "in.exr", input=data)["rmse"], 0)
+        for bad, said in ((b"", "an empty file"), (b"#!", "not a picture"), (data[:-1], "truncated or damaged")):
+            self.run_tool("convert", "-", "-o", "x.exr", input=bad, expect=3).says(f"envconv: -: {said}")
+        closed = f"exec 0<&-; exec {shlex.quote(BINARY)} convert - -o x.exr"
+        done = subprocess.run(["sh", "-c", closed], cwd=self.folder, capture_output=True)
+        self.assertEqual((done.returncode, done.stderr), (3, b"envconv: -: standard input cannot be read: Bad file descriptor\n"))
+        self.run_tool("convert", "-", "-o", "x.exr", "--files-from", "-", input=b"in.exr\n", expect=2).says("--files-from")
+        # More than there is memory for, of a process that may have little.
+        if not SANITIZED:
+            done = subprocess.run(["sh", "-c", "ulimit -v 1500000; exec \"$0\" convert - -o x.exr < /dev/zero", BINARY],
+                                  cwd=self.folder, capture_output=True, timeout=120)
+            self.assertEqual(done.returncode, 6, done.stderr)
+            self.assertIn(b"envconv: -: standard input holds more than", done.stderr)
+        self.assertFalse(self.path("x.exr").exists())
+        # A file of that name is one by its path.
+        self.path("-").write_bytes(data)
+        self.run_tool("convert", "./-", "-o", "dash.exr").is_silent()
 
     def test_comma_locale(self):
         write_constant(self.path("in.exr"))

@@ -39,7 +39,7 @@ SCENARIOS = {
                                          "faults_test.Disks.test_a_read_only_folder"]),
     17: ("output is input", ["convert_test.Failures.test_output_is_the_input"]),
     18: ("odd outputs", ["faults_test.Files.test_outputs_that_are_no_files", "io_output_test:IoOutput.OutputsThatAreNotFiles"]),
-    19: ("odd inputs", ["convert_test.Failures.test_not_a_regular_file"]),
+    19: ("odd inputs", ["convert_test.Failures.test_not_a_regular_file", "convert_test.Streams.test_standard_input"]),
     20: ("interrupts", ["signals_test.Signals.test_interrupted_batches_say_how_far_they_came",
                         "signals_test.Signals.test_at_any_point", "signals_test.Signals.test_a_second_signal_ends_it_at_once"]),
     21: ("sudden death", ["signals_test.Signals.test_killed_twenty_times_and_resumed"]),
