@@ -54,6 +54,20 @@ Result<Ok> skip_runs(ByteCursor& cursor, const Targa& targa) {
   return Ok{};
 }
 
+// --- SGI
+
+// Values of `bytes` bytes each, as run-length codes that a zero ends.
+Result<Ok> check_sgi_row(ByteCursor cursor, int bytes, std::uint64_t width) {
+  for (std::uint64_t left = width;;) {
+    ENVCONV_TRY(const std::uint64_t code, cursor.big(bytes));
+    const std::uint64_t count = code & 127;
+    if (count == 0 && left == 0) return Ok{};
+    if (count == 0 || count > left) return damaged_file("a row that does not unpack to the width");
+    ENVCONV_CHECK(cursor.skip(static_cast<std::uint64_t>(bytes) * ((code & 128) != 0 ? count : 1)));
+    left -= count;
+  }
+}
+
 // --- JPEG 2000
 
 constexpr std::uint64_t kStart = 0xFF4F, kTilePart = 0xFF90, kEnd = 0xFFD9;
@@ -149,6 +163,36 @@ Result<Ok> check_bmp(int fd) {
   const std::uint64_t row = (width * bits + 31) / 32 * 4;
   if (pixels_at > size || row == 0 || (size - pixels_at) / row < rows) return damaged_file("unexpected end of file");
   if (header < with_profile && (size - pixels_at) / row > rows) return damaged_file("it goes on behind its last row");
+  return Ok{};
+}
+
+Result<Ok> check_sgi(int fd) {
+  constexpr std::uint64_t header = 512;
+  ENVCONV_TRY(const std::uint64_t size, size_of_file(fd));
+  ByteCursor cursor(fd, size, 2);
+  ENVCONV_TRY(const std::uint8_t storage, cursor.byte());
+  ENVCONV_TRY(const int bytes, cursor.byte());
+  ENVCONV_TRY(const std::uint64_t dimension, cursor.big(2));
+  ENVCONV_TRY(const std::uint64_t width, cursor.big(2));
+  ENVCONV_TRY(const std::uint64_t height, cursor.big(2));
+  ENVCONV_TRY(const std::uint64_t channels, cursor.big(2));
+  if (storage > 1 || bytes < 1 || bytes > 2 || dimension < 1 || dimension > 3)
+    return damaged_file("its header makes no sense");
+  const std::uint64_t rows = (dimension > 1 ? height : 1) * (dimension > 2 ? channels : 1);
+  ENVCONV_CHECK(cursor.skip(header - cursor.position()));
+  if (storage == 0) {
+    ENVCONV_CHECK(cursor.skip(rows * width * static_cast<std::uint64_t>(bytes)));
+    return Ok{};
+  }
+  // Where all rows begin, and then how long they are.
+  ByteCursor lengths(fd, size, std::min(size, header + 4 * rows));
+  for (std::uint64_t row = 0; row < rows; ++row) {
+    ENVCONV_TRY(const std::uint64_t start, cursor.big(4));
+    ENVCONV_TRY(const std::uint64_t length, lengths.big(4));
+    if (start < header + 8 * rows || start > size || length > size - start)
+      return damaged_file("a row outside of the file");
+    ENVCONV_CHECK(check_sgi_row(ByteCursor(fd, start + length, start), bytes, width));
+  }
   return Ok{};
 }
 

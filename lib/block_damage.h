@@ -18,6 +18,9 @@ Result<Ok> check_targa(int fd);
 /// a row or an ICC profile (Windows' BITMAPINFOHEADER and BITMAPV5HEADER).
 Result<Ok> check_bmp(int fd);
 
+/// Error: input, unless the rows of an SGI file are in it and unpack to their width (the SGI image file format 1.0).
+Result<Ok> check_sgi(int fd);
+
 /// Error: input, unless the tile-parts of a JPEG 2000 codestream, in a JP2 file or on its own, follow each other up to
 /// its end (ISO/IEC 15444-1, annex A).
 Result<Ok> check_jpeg2000(int fd);

@@ -131,6 +131,7 @@ class ModuleDecoder final : public Decoder {
     if (format_ == "gif") return check_gif(fd_);
     if (format_ == "targa") return check_targa(fd_);
     if (format_ == "bmp") return check_bmp(fd_);
+    if (format_ == "sgi") return check_sgi(fd_);
     if (format_ == "jpeg2000") return check_jpeg2000(fd_);
     return Ok{};
   }

@@ -390,6 +390,21 @@ class Damage(unittest.TestCase):
             ends, _ = self.convert({f"tail.{kind}": tail}, "--from", "latlong")
             # Of Targa the end is what tells whether there are areas behind the pixels.
             self.assertEqual(bool(ends[f"tail.{kind}"]), kind == "tga", name)
+        # SGI's rows have places and lengths, and codes that must make their width.  OpenImageIO's reader dies of some.
+        def sgi(change=lambda row: row, bits=8):
+            codes = lambda values: b"".join(struct.pack(">B" if bits == 8 else ">H", v) for v in values)
+            rows = [change(codes((WIDTH - 8, y, 128 + 8, *range(8), 0))) for y in range(3 * HEIGHT)]
+            places = [512 + 8 * len(rows) + sum(map(len, rows[:y])) for y in range(len(rows))]
+            return (struct.pack(">HBBHHHHII", 474, 1, bits // 8, 3, WIDTH, HEIGHT, 3, 0, 255).ljust(512, b"\0")
+                    + struct.pack(f">{len(rows)}I", *places) + struct.pack(f">{len(rows)}I", *map(len, rows)) + b"".join(rows))
+
+        good = sgi()
+        self.refused({"good.sgi": good, "cut.sgi": good[:-1], "short.sgi": sgi(lambda row: row[2:]),
+                      "long.sgi": sgi(lambda row: b"\1\1" + row), "endless.sgi": sgi(lambda row: row[:-1]),
+                      "outside.sgi": corpus.replaced(good, 512 + 4, struct.pack(">I", len(good) + 1)),
+                      "header.sgi": corpus.replaced(good, 512 + 4, struct.pack(">I", 12))})
+        ends, _ = self.convert({"wide.sgi": sgi(bits=16)})
+        self.assertIsNone(ends["wide.sgi"])
         bmp = (self.folder / "a.bmp").read_bytes()
         self.assertEqual(struct.unpack_from("<iiHHI", bmp, 18), (WIDTH, HEIGHT, 1, 24, 0))
         cases = {"low": (22, HEIGHT // 2), "narrow": (18, WIDTH // 2), "place": (10, 20), "packed": (30, 0x10000),
