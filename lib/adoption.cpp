@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <utility>
 
@@ -56,11 +57,14 @@ class Source::Ownership {
     const int y = static_cast<int>(std::floor(o.from_y)) - adopt_before;
     if (!source_.in_face(s, x, y) || !source_.in_face(s, x + adopt_taps - 1, y + adopt_taps - 1)) return false;
     if (orphaned_.empty()) return true;
+    std::uint64_t any = 0;
     for (int j = 0; j < adopt_taps; ++j) {
-      const auto* row = &orphaned_[static_cast<std::size_t>(o.from_face)][place(s, x, y + j)];
-      if (std::any_of(row, row + adopt_taps, [](std::uint8_t orphan) { return orphan != 0; })) return false;
+      std::uint64_t row;
+      static_assert(sizeof row == adopt_taps);
+      std::memcpy(&row, &orphaned_[static_cast<std::size_t>(o.from_face)][place(s, x, y + j)], sizeof row);
+      any |= row;
     }
-    return true;
+    return any == 0;
   }
 
  private:

@@ -77,7 +77,7 @@ Point operator*(double k, Point a) { return {k * a.s, k * a.t}; }
 template <class Owns>
 Point on_seam(Point a, Point b, const Owns& owns) {
   const bool a_owned = owns(a);
-  for (int step = 0; step < 20; ++step) {
+  for (int step = 0; step < 14; ++step) {
     const Point middle = 0.5 * (a + b);
     (owns(middle) == a_owned ? a : b) = middle;
   }
