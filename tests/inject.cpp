@@ -12,6 +12,9 @@
 //
 // ENVCONV_INJECT_LOG names a file to which the number of calls is written at the end, so that a test knows how many
 // there are to fail.
+//
+// ENVCONV_INJECT_LOCALE, when it is set, has the process begin in the locale of its environment, as a program does that
+// uses the library: the tool itself stays in the C locale.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <sys/socket.h>
@@ -19,6 +22,7 @@
 
 #include <atomic>
 #include <cerrno>
+#include <clocale>
 #include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
@@ -54,6 +58,7 @@ __attribute__((constructor)) void set_up() {
   char name[16] = "", rest[8] = "";
   if (log) log_fd = open(log, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
   owner = getpid();
+  if (getenv("ENVCONV_INJECT_LOCALE") && !setlocale(LC_ALL, "")) abort();  // the test's environment is not as it thinks
   if (!order || sscanf(order, "%15[a-z]:%ld:%d:%7s", name, &first, &code, rest) < 3) return;
   from_then_on = strcmp(rest, "from") == 0;
   for (int c = call_write; c < calls; ++c) {

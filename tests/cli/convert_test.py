@@ -11,8 +11,8 @@ import subprocess
 import time
 import unittest
 
-from harness import (BINARY, PANORAMAS, SANITIZED, Case, read_exr, write_constant, write_directions, write_exr,
-                     write_png)
+from harness import (BINARY, PANORAMAS, SANITIZED, Case, comma_locale, read_exr, write_constant, write_directions,
+                     write_exr, write_png)
 
 PLAIN = ("--compression", "none", "--type", "float")
 # Where the centres of the faces look, in the world frame.
@@ -442,8 +442,7 @@ class Streams(Case):
 
     def test_comma_locale(self):
         write_constant(self.path("in.exr"))
-        env = {**os.environ, "LC_ALL": "de_DE.UTF-8"}
-        self.run_tool("convert", "in.exr", "-o", "a.exr", "--exposure", "0.5", "--json", env=env)
+        self.run_tool("convert", "in.exr", "-o", "a.exr", "--exposure", "0.5", "--json", env=comma_locale(self.folder))
         self.assertIn('"seconds":0.', self.out)
 
     def test_names_are_taken_literally(self):

@@ -60,6 +60,15 @@ class Case(unittest.TestCase):
         return self.folder / name
 
 
+def comma_locale(folder):
+    """An environment whose locale has a decimal comma, which is made in that folder."""
+    subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", f"{folder}/de_DE.UTF-8"], check=True, capture_output=True)
+    env = {**os.environ, "LOCPATH": str(folder), "LC_ALL": "de_DE.UTF-8"}
+    told = subprocess.run(["locale", "decimal_point"], env=env, check=True, capture_output=True).stdout
+    assert told == b",\n", told
+    return env
+
+
 def write_exr(path, width, height, pixel, channels="RGB", attributes=None):
     """An uncompressed float OpenEXR file; pixel(x, y) gives the channels' values.
 
