@@ -153,8 +153,8 @@ std::optional<std::uint32_t> dxgi_of_d3d9(std::uint32_t code) {
 // The sRGB one of the pair where there is one, since nothing else is said of the colour.
 std::uint32_t dxgi_of_code(std::uint32_t code) {
   if (code == fourcc("DXT1")) return 72;
-  if (code == fourcc("DXT3")) return 75;
-  if (code == fourcc("DXT5")) return 78;
+  if (code == fourcc("DXT2") || code == fourcc("DXT3")) return 75;
+  if (code == fourcc("DXT4") || code == fourcc("DXT5")) return 78;
   if (code == fourcc("ATI1") || code == fourcc("BC4U")) return 80;
   if (code == fourcc("BC4S")) return 81;
   if (code == fourcc("ATI2") || code == fourcc("BC5U")) return 83;
@@ -265,6 +265,8 @@ class DdsDecoder final : public TextureDecoder {
       h.misc = word(136);
       h.array_size = word(140);
       h.alpha_mode = word(144) & 7;
+    } else if (h.code == fourcc("DXT2") || h.code == fourcc("DXT4")) {
+      h.alpha_mode = kAlphaPremultiplied;
     }
     return h;
   }

@@ -11,6 +11,7 @@ import subprocess
 import time
 import unittest
 
+from corpus import dds
 from harness import (BINARY, PANORAMAS, SANITIZED, Case, comma_locale, read_exr, write_constant, write_directions,
                      write_exr, write_png)
 
@@ -233,6 +234,29 @@ class Formats(Case):
         self.run_tool("convert", "venice.hdr", "-o", "cube.exr", "--size", 64)
         info = self.json("info", "cube.exr")
         self.assertEqual((info["layout"], info["size"], info["packing"]), ("cube", 64, "row"))
+
+    def test_dxt_with_colour_multiplied_by_alpha(self):
+        # 4x2 blocks of one colour, 5:6:5 bits, and of one alpha each; DXT2 and DXT4 are DXT3 and DXT5 but for what alpha means.
+        for straight, multiplied, alphas in ((b"DXT3", b"DXT2", (bytes(8), b"\x88" * 8, b"\xff" * 8)),
+                                             (b"DXT5", b"DXT4", (bytes(8), b"\x88" * 2 + bytes(6), b"\xff" * 2 + bytes(6)))):
+            pixels = {}
+            for code in (straight, multiplied):
+                for alpha, block in zip((0, 0x88 / 255, 1), alphas):
+                    data = block + struct.pack("<HHI", 0x4208, 0x4208, 0)
+                    self.path("x.dds").write_bytes(dds(16, 8, data * 8, fourcc=code))
+                    self.run_tool("convert", "x.dds", "-o", "x.exr", "--to", "latlong", *PLAIN).is_silent()
+                    channels = read_exr(self.path("x.exr"))[2]
+                    self.assertAlmostEqual(channels["A"][3][5], alpha, delta=1e-6)
+                    pixels[code, alpha] = channels["G"][3][5]
+            stored = (16 << 2 | 16 >> 4) / 255  # green's six bits, as eight
+            linear = ((stored + 0.055) / 1.055) ** 2.4
+            half = 0x88 / 255
+            self.assertAlmostEqual(pixels[straight, half], linear * half, delta=1e-5)
+            # Alpha was multiplied by before the curve.
+            self.assertAlmostEqual(pixels[multiplied, half], ((stored / half + 0.055) / 1.055) ** 2.4 * half, delta=1e-5)
+            self.assertEqual((pixels[straight, 0], pixels[multiplied, 0]), (0, 0))
+            for code in (straight, multiplied):
+                self.assertAlmostEqual(pixels[code, 1], linear, delta=1e-5)
 
     def test_half_overflow_is_counted(self):
         write_constant(self.path("in.exr"), 1e6)
