@@ -127,11 +127,12 @@ class Checker {
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &compression);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_FILLORDER, &order);
     const bool deflated = compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE;
-    if (compression == COMPRESSION_NONE) return Ok{};
+    const bool counted = compression == COMPRESSION_LZW || compression == COMPRESSION_PACKBITS;
+    if (!deflated && !counted && !goes_on_after_errors(compression)) return Ok{};
     const tmsize_t largest = TIFFIsTiled(tiff_) ? TIFFTileSize(tiff_) : TIFFStripSize(tiff_);
     if (largest <= 0) return damaged_file("strips or tiles of no size");
     const auto full = static_cast<std::size_t>(largest);
-    if (!deflated && compression != COMPRESSION_LZW && compression != COMPRESSION_PACKBITS) return unpack(full);
+    if (!deflated && !counted) return unpack(full);
     Checksum checksum(deflated ? full : 0);
     std::vector<std::uint8_t> packed;
     const std::uint32_t count = blocks();
@@ -172,6 +173,18 @@ class Checker {
     std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> codec_;
     std::unique_ptr<std::uint8_t[]> unpacked_;
   };
+
+  // libtiff's decoders of the others stop at what they cannot unpack.
+  static bool goes_on_after_errors(std::uint16_t compression) {
+    switch (compression) {
+      case COMPRESSION_CCITTRLE:
+      case COMPRESSION_CCITTRLEW:
+      case COMPRESSION_CCITTFAX3:
+      case COMPRESSION_CCITTFAX4:
+      case COMPRESSION_JPEG: return true;
+      default: return false;
+    }
+  }
 
   // What libtiff's decoders complain of while they go on: the image library takes what they leave for pixels.
   Result<Ok> unpack(std::size_t full) const {

@@ -251,6 +251,17 @@ class Damage(unittest.TestCase):
                    (("short", lambda d: d[:-1]), ("long", lambda d: d[:-40] + bytes(80)), ("half", lambda d: d[: len(d) // 2]))}
             self.refused({"good.tif": good, **bad})
 
+    def test_tiff_of_decoders_that_go_on(self):
+        (self.folder / "in.png").write_bytes(png())
+        subprocess.run(["oiiotool", "in.png", "--compression", "jpeg", "-o", "j.tif"], cwd=self.folder, check=True,
+                       capture_output=True)
+        good = (self.folder / "j.tif").read_bytes()
+        start, end = good.index(b"\xff\xda") + 14, good.rindex(b"\xff\xd9")
+        middle = (start + end) // 2
+        self.assertGreater(end - start, 200)
+        self.refused({"j.tif": good, "zeros.tif": good[:middle] + bytes(end - middle) + good[end:],
+                      "end.tif": corpus.replaced(good, middle, b"\xff\xd9")})
+
     def test_tiff_fields_that_cannot_be(self):
         strip = b"".join(row(y) for y in range(HEIGHT))
         good = corpus.tiff(WIDTH, HEIGHT, strip)
@@ -329,7 +340,7 @@ class Damage(unittest.TestCase):
         for name in names:
             self.assertIn(f"its header has no {name}", said[f"no-{name}.exr"])
         # A name twice: OpenEXR makes one channel of both.
-        said = self.refused({"good.exr": good, "twice.exr": good.replace(b"\0B\0", b"\0R\0", 1).replace(b"chlist\0\x37\0\0\0B", b"chlist\0\x37\0\0\0R")})
+        said = self.refused({"good.exr": good, "twice.exr": good.replace(b"\0B\0", b"\0R\0", 1)})
         self.assertIn("has channel R twice", said["twice.exr"])
 
     def test_exr_chunks_that_do_not_unpack_to_their_pixels(self):
