@@ -19,6 +19,7 @@ envconv_fuzz(ktx2_fuzz ktx2)
 envconv_fuzz(exr_fuzz exr)
 envconv_fuzz(hdr_fuzz hdr)
 envconv_fuzz(convert_fuzz convert)
+envconv_fuzz(damage_fuzz damage)
 # The module's own.
 envconv_fuzz(bmp_fuzz bmp)
 foreach(target IN ITEMS bmp_fuzz_replay bmp_fuzz)
