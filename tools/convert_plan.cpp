@@ -218,7 +218,8 @@ Result<Ok> check_outputs(const ConvertPlan& plan, const std::vector<Job>& others
     for (const Job& job : *jobs) {
       for (const std::string& path : job.input.paths) {
         struct stat status;
-        if (stat(path.c_str(), &status) == 0) inputs[{status.st_dev, status.st_ino}] = job.input.layout ? path : job.input.name;
+        if (stat(path.c_str(), &status) == 0)
+          inputs[{status.st_dev, status.st_ino}] = job.input.layout ? path : job.input.name;
       }
     }
   }
