@@ -91,5 +91,9 @@ endif()
 
 add_test(NAME install COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/tests/install/run.sh ${CMAKE_CURRENT_BINARY_DIR}
          ${CMAKE_CURRENT_SOURCE_DIR}/tests/install)
-list(JOIN sanitize_options " " flags)  # the consumer's too; none but in builds with a sanitizer
+# The consumer's too; none but in builds with a sanitizer.
+list(JOIN sanitize_options " " flags)
+if(CMAKE_BUILD_RPATH)
+  string(APPEND flags " -Wl,-rpath,${CMAKE_BUILD_RPATH}")
+endif()
 set_tests_properties(install PROPERTIES LABELS install TIMEOUT ${patience} ENVIRONMENT "CXXFLAGS=${flags}")
