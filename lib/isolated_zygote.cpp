@@ -34,6 +34,15 @@ struct Child {
 
 constexpr int kControl = 3;  // the zygote's end of the socket to those who ask
 
+// Whether the zygote loads the image library, once for all children.  A library that it needs (log4cplus) starts
+// threads as it is loaded, and the thread sanitizer ends what is forked from several threads and starts some: there
+// each child loads it.
+#ifdef __SANITIZE_THREAD__
+constexpr bool kLoadsImageio = false;
+#else
+constexpr bool kLoadsImageio = true;
+#endif
+
 // A process of its own: closed files, a name, signals as they were.  A descriptor that tells of children that ended.
 int begin_zygote(int control) {
   // Nothing of the caller's stays open: a pipe's reader waits for its last writer.
@@ -93,7 +102,7 @@ void serve(std::vector<Child>& children, int signals) {
     return;
   }
   if (hook == "zygote") ::_exit(1);
-  if (needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
+  if (kLoadsImageio && needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
   const pid_t pid = ::fork();
   if (pid == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
