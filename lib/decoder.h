@@ -2,6 +2,7 @@
 // What a decoder tells of a file before it makes any pixel.  Internal: not installed.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -55,6 +56,10 @@ class PixelSource {
   /// Delivers `count` rows from `first` on, to memory that is zero: bands of PictureSpec::band rows, of which the last
   /// may be less, each once and in order.  A source delivers all its pictures this way, or all by pixels().
   virtual Result<Ok> decode_rows(int picture, int first, int count, void* pixels) = 0;
+  /// Whether decode_rows() works band by band, rather than on all of a picture at the first call.
+  virtual bool in_bands() const {
+    return std::ranges::any_of(spec().pictures, [](const PictureSpec& picture) { return picture.band > 0; });
+  }
 };
 
 /// A file that is decoded in this process.

@@ -4,7 +4,6 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
-#include <tbb/parallel_for.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,8 +14,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <functional>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include "dds.h"
@@ -27,6 +26,7 @@
 #include "io_shared.h"
 #include "isolated_reader.h"
 #include "ktx.h"
+#include "to_linear.h"
 
 namespace envconv {
 
@@ -127,7 +127,7 @@ std::size_t bytes_of_rows(const PictureSpec& picture, int rows) {
 }
 
 int band_rows(const PictureSpec& picture, int multiple, int least) {
-  constexpr std::size_t usual = std::size_t{16} << 20, most = 4 * usual;
+  constexpr std::size_t usual = std::size_t{4} << 20, most = 16 * usual;
   const std::size_t row = bytes_of_rows(picture, 1);
   const std::size_t rows = std::max(usual / row, std::min(static_cast<std::size_t>(least), most / row)) + 1;
   const auto block = static_cast<std::size_t>(multiple);
@@ -251,17 +251,6 @@ std::string read_at(int fd, off_t position, std::size_t count) {
 
 // --- colour
 
-using Curve = std::function<double(double)>;
-
-Curve curve_of(const FileSpec& spec) {
-  switch (spec.transfer) {
-    case Transfer::srgb: return srgb_to_linear;
-    case Transfer::gamma:
-      return [gamma = static_cast<double>(spec.gamma)](double v) { return std::pow(std::max(v, 0.0), gamma); };
-    default: return [](double v) { return v; };
-  }
-}
-
 // Fills in what the file's colours are; the spec's curve becomes what is taken off.
 void settle_color(const ReadOptions& options, FileSpec& spec, PictureFile& file) {
   file.color = transfer_text(spec.transfer, static_cast<double>(spec.gamma));
@@ -276,92 +265,6 @@ void settle_color(const ReadOptions& options, FileSpec& spec, PictureFile& file)
   const auto record = file.metadata.find("envconv:colorspace");
   file.as_stored = options.as_stored || (record != file.metadata.end() && record->second != file.color_encoding.space);
   if (file.as_stored) spec.transfer = Transfer::linear;
-}
-
-// --- decoded elements to linear, upright pixels --------------------------------------------------------------------
-
-struct Upright {
-  int width, height;  // as shown
-  int orientation;
-
-  Upright(const PictureSpec& p, int o)
-      : width(o >= 5 ? p.height : p.width), height(o >= 5 ? p.width : p.height), orientation(o) {}
-  // Where a stored texel is shown.
-  void place(int column, int row, int& x, int& y) const {
-    switch (orientation) {
-      case 2: x = width - 1 - column, y = row; break;
-      case 3: x = width - 1 - column, y = height - 1 - row; break;
-      case 4: x = column, y = height - 1 - row; break;
-      case 5: x = row, y = column; break;
-      case 6: x = width - 1 - row, y = column; break;
-      case 7: x = width - 1 - row, y = height - 1 - column; break;
-      case 8: x = row, y = height - 1 - column; break;
-      default: x = column, y = row;
-    }
-  }
-};
-
-struct Rows {
-  int first, count;
-};
-
-// `elements` are those of some rows.
-void to_linear(const void* elements, const PictureSpec& picture, const FileSpec& spec, bool drop_alpha, Rows rows,
-               Image& image) {
-  const Upright upright(picture, spec.orientation);
-  const int channels = picture.channels.count(), alpha = picture.channels.alpha;
-  const Curve curve = curve_of(spec);
-  // Integers have few values: one table each for colour and alpha.
-  std::vector<float> table;
-  float scale = 1;
-  if (picture.element == PixelType::uint8 || picture.element == PixelType::uint16) {
-    const int top = picture.element == PixelType::uint8 ? 255 : 65535;
-    scale = 1 / static_cast<float>(top);
-    for (int i = 0; i <= top; ++i) table.push_back(static_cast<float>(curve(static_cast<double>(i) / top)));
-  }
-  const bool curved = spec.transfer != Transfer::linear;
-  const std::size_t values = static_cast<std::size_t>(picture.width) * static_cast<std::size_t>(channels);
-  const auto look_up = [&](const auto* from, float* to) {
-    for (std::size_t i = 0; i < values; ++i) to[i] = table[from[i]];
-  };
-  tbb::parallel_for(0, rows.count, [&](int row) {
-    const std::size_t begin = static_cast<std::size_t>(row) * values;
-    if (!table.empty() && alpha < 0 && spec.orientation == 1) {
-      float* const to = image.row(rows.first + row);
-      if (picture.element == PixelType::uint8) return look_up(static_cast<const std::uint8_t*>(elements) + begin, to);
-      return look_up(static_cast<const std::uint16_t*>(elements) + begin, to);
-    }
-    std::vector<float> value(static_cast<std::size_t>(channels));
-    for (int column = 0; column < picture.width; ++column) {
-      const std::size_t at = begin + static_cast<std::size_t>(column) * static_cast<std::size_t>(channels);
-      int x = 0, y = 0;
-      upright.place(column, rows.first + row, x, y);
-      float* to = image.at(x, y);
-      const auto raw = [&](int c) -> std::uint32_t {
-        return picture.element == PixelType::uint8
-                   ? static_cast<const std::uint8_t*>(elements)[at + static_cast<std::size_t>(c)]
-                   : static_cast<const std::uint16_t*>(elements)[at + static_cast<std::size_t>(c)];
-      };
-      const auto fraction = [&](int c) {
-        return table.empty() ? static_cast<const float*>(elements)[at + static_cast<std::size_t>(c)]
-                             : static_cast<float>(raw(c)) * scale;
-      };
-      const float a = alpha >= 0 ? fraction(alpha) : 1.f;
-      for (int c = 0; c < channels; ++c) {
-        if (c == alpha) {
-          if (!drop_alpha) *to++ = a;
-        } else if (alpha >= 0 && !drop_alpha && !spec.unassociated && curved) {
-          // Colour times alpha was put through the curve as a product; take alpha off first.
-          *to++ = a > 0 ? static_cast<float>(curve(static_cast<double>(fraction(c)) / a)) * a : 0.f;
-        } else {
-          const float v = !table.empty() ? table[raw(c)]
-                          : curved       ? static_cast<float>(curve(fraction(c)))
-                                         : fraction(c);
-          *to++ = alpha >= 0 && !drop_alpha && spec.unassociated ? v * a : v;
-        }
-      }
-    }
-  });
 }
 
 // --- checks of what a decoder claims -------------------------------------------------------------------------------
@@ -413,24 +316,23 @@ Result<std::unique_ptr<PixelSource>> open_source(const std::string& format, int 
   return std::unique_ptr<PixelSource>(std::move(decoder));
 }
 
-// The pixels of an image in scratch storage, some megabytes at a time.
-Result<Ok> decode_bands(PixelSource& source, const FileSpec& spec, int number, const ReadOptions& options, bool direct,
+// The pixels of an image, some megabytes at a time: while these are made linear, a child decodes the next ones.
+Result<Ok> decode_bands(PixelSource& source, const PictureSpec& p, int number, bool trusted, const ToLinear* linear,
                         Image& image) {
-  const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
   const int band = rows_at_a_time(p);
   std::unique_ptr<void, FreeBytes> elements;
-  if (!direct) {
+  if (linear) {
     elements.reset(std::malloc(bytes_of_rows(p, band)));
     if (!elements) throw std::bad_alloc();
   }
   for (int first = 0; first < p.height; first += band) {
     const int rows = std::min(band, p.height - first);
     image.relieve();
-    void* to = direct ? image.row(first) : elements.get();
+    void* to = linear ? elements.get() : image.row(first);
     // What a damaged chunk leaves out is black, not whatever was in memory.
-    if (options.trust_input) std::memset(to, 0, bytes_of_rows(p, rows));
+    if (trusted) std::memset(to, 0, bytes_of_rows(p, rows));
     ENVCONV_CHECK(source.decode_rows(number, first, rows, to));
-    if (!direct) to_linear(elements.get(), p, spec, drops_alpha(p, options), {first, rows}, image);
+    if (linear) linear->rows(elements.get(), first, rows, image);
   }
   return Ok{};
 }
@@ -440,14 +342,14 @@ Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number,
                           Image& image) {
   const PictureSpec& p = spec.pictures[static_cast<std::size_t>(number)];
   const bool drop_alpha = drops_alpha(p, options);
-  const bool direct = p.element == PixelType::float32 && spec.orientation == 1 && !drop_alpha &&
-                      spec.transfer == Transfer::linear && (p.channels.alpha < 0 || !spec.unassociated);
-  if (options.scratch) {
+  std::optional<ToLinear> linear;
+  if (!ToLinear::is_identity(p, spec, drop_alpha)) linear.emplace(p, spec, drop_alpha);
+  if (options.scratch || source.in_bands()) {
     image = Image(image.width(), image.height(), image.channels(), options.scratch);
-    return decode_bands(source, spec, number, options, direct, image);
+    return decode_bands(source, p, number, options.trust_input, linear ? &*linear : nullptr, image);
   }
   ENVCONV_TRY(MappedMemory elements, source.pixels(number));
-  if (direct) {
+  if (!linear) {
     image = Image::adopt(image.width(), image.height(), image.channels(), std::move(elements));
     return Ok{};
   }
@@ -460,7 +362,7 @@ Result<Ok> decode_picture(PixelSource& source, const FileSpec& spec, int number,
   std::size_t forgotten = 0;
   for (int first = 0; first < p.height; first += rows_at_once) {
     const int rows = std::min(rows_at_once, p.height - first);
-    to_linear(bytes + bytes_of_rows(p, first), p, spec, drop_alpha, {first, rows}, image);
+    linear->rows(bytes + bytes_of_rows(p, first), first, rows, image);
     const std::size_t done = bytes_of_rows(p, first + rows) / kPage * kPage;
     forget_pages(bytes + forgotten, done - forgotten);
     forgotten = done;
@@ -529,8 +431,9 @@ Result<PictureFile> read_file(const std::string& path, const ReadOptions& option
       picture.channels.names.erase(picture.channels.names.begin() + p.channels.alpha);
       picture.channels.alpha = -1;
     }
-    const Upright upright(p, spec.orientation);
-    picture.image = Image::without_pixels(upright.width, upright.height, picture.channels.count());
+    const bool turned = spec.orientation >= 5;
+    picture.image =
+        Image::without_pixels(turned ? p.height : p.width, turned ? p.width : p.height, picture.channels.count());
     file.pictures.push_back(std::move(picture));
   }
   if (options.header_only) return file;

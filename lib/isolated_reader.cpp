@@ -104,6 +104,10 @@ class IsolatedReader final : public PixelSource {
 
   const FileSpec& spec() const override { return spec_; }
 
+  bool in_bands() const override {
+    return std::ranges::any_of(theirs_.pictures, [](const PictureSpec& picture) { return picture.band > 0; });
+  }
+
   Result<MappedMemory> pixels(int picture) override {
     if (memory_.empty()) ENVCONV_CHECK(decode_all());
     return std::move(memory_[static_cast<std::size_t>(picture)]);

@@ -56,10 +56,9 @@ class Stages {
   std::vector<Stage> all() const { return {reading(), resampling(), making_levels(), writing(), verifying()}; }
 
  private:
-  // Into memory: the decoder's memory becomes the image's, and what is not float and linear already is made so and
-  // given back some megabytes at a time.  Into files: some megabytes of rows arrive at a time, by way of a window that
-  // both processes see and in which two bands have room; what is not float and linear already, by way of a band in this
-  // one.
+  // Some megabytes of rows arrive at a time, by way of a window that both processes see and in which two bands have
+  // room; what is not float and linear already, by way of a band in this one.  What is decoded whole, into memory: the
+  // decoder's memory becomes the image's, or is made linear and given back some megabytes at a time.
   Stage reading() const {
     Stage stage;
     const Picture& first = file_.pictures.front();
@@ -70,16 +69,16 @@ class Stages {
     const std::size_t row = static_cast<std::size_t>(first.image.width()) * static_cast<std::size_t>(shape_.channels) *
                             (streamed ? sizeof(float) : bytes_of(first.type));
     const std::size_t lines = 32 * row * (file_.format == "openexr" ? thread_count(o_.threads) : 1);
-    const std::size_t band = std::min(decoded, std::max(16 * MiB, std::min(lines, 64 * MiB)) + 32 * row);
+    const std::size_t band = std::min(decoded, std::max(4 * MiB, std::min(lines, 64 * MiB)) + 32 * row);
     const bool in_bands = streamed && decoded > band;
-    stage.working = MiB + (direct ? 0 : band);
+    stage.working = MiB + (direct ? 0 : band) + (in_bands ? 2 * band : 0);
     // Many formats are decoded whole, and some codecs hold a copy; in this process when the input is trusted.
     const std::size_t codec = streamed ? codec_buffers() : decoded + image_library;
     stage.decoder = codec + (in_bands ? 2 * band : decoded);
     if (o_.input.read.trust_input) {
       stage.working += codec;
       // What was decoded has gone by when there is as much of the image.
-      if (!direct) stage.working += in_files_ ? decoded : decoded - std::min(decoded, shape_.source_bytes);
+      if (!direct && !in_bands) stage.working += in_files_ ? decoded : decoded - std::min(decoded, shape_.source_bytes);
       stage.decoder = 0;
     }
     // One picture with several faces is taken apart, and given back on the way; in files it holds its place.
