@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "color_encoding.h"
@@ -76,7 +77,8 @@ class Decoder : public PixelSource {
 struct DecoderOptions {
   std::int64_t max_pixels = 0;
   int threads = 1;
-  int level = 0;  ///< whose pictures spec() and decode() speak of
+  int level = 0;         ///< whose pictures spec() and decode() speak of
+  bool library = false;  ///< with the image library, also where there is a reader here
 };
 
 /// Rows that make a band of some megabytes, as a multiple of `multiple`; no less than `least`.  0: the whole picture is
@@ -108,7 +110,11 @@ Error no_memory_for(std::size_t bytes);
 /// The error of a picture that claims more than the limit.
 Error too_many_pixels(std::int64_t width, std::int64_t height, std::int64_t limit);
 
+/// Whether files of a format are read here, all of them or the usual ones; else the image library reads them.
+bool has_own_reader(std::string_view format);
+
 /// Opens a regular file of a format that was recognised by its first bytes.  The descriptor must outlive the decoder.
+/// Null: of a kind that only the image library reads, with DecoderOptions::library.
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options);
 
 }  // namespace envconv

@@ -12,11 +12,12 @@
 #include <cstring>
 #include <limits>
 #include <mutex>
+#include <span>
 #include <vector>
 
 #include "block_damage.h"
 #include "color_encoding.h"
-#include "icc_profile.h"
+#include "embedded_metadata.h"
 #include "output_file.h"
 #include "png_color.h"
 #include "png_damage.h"
@@ -163,16 +164,8 @@ void take_png_color(const PngColor& color, FileSpec& spec) {
 
 void take_profile(const EnvconvImageioSpec& raw, FileSpec& spec) {
   const std::string name = text_of(raw.profile, sizeof raw.profile);
-  if (const auto color = read_icc_profile({static_cast<const std::uint8_t*>(raw.profile_data), raw.profile_size})) {
-    // Floating point is linear, whatever profile it was left with.
-    const auto type = static_cast<PixelType>(raw.type);
-    if (type != PixelType::float32 && type != PixelType::half) {
-      spec.transfer = color->transfer;
-      spec.gamma = static_cast<float>(color->gamma);
-    }
-    spec.primaries = color->primaries;
-    spec.color_how = "ICC profile";
-  } else if (name.find("sRGB") == std::string::npos) {
+  const std::span profile(static_cast<const std::uint8_t*>(raw.profile_data), raw.profile_size);
+  if (!take_icc_profile(profile, static_cast<PixelType>(raw.type), spec) && name.find("sRGB") == std::string::npos) {
     spec.warnings.push_back("its ICC profile \"" + printable(name) +
                             "\" is no matrix with a simple curve, and not applied (--in-colorspace says what it is)");
   }

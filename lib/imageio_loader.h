@@ -11,7 +11,7 @@
 
 namespace envconv {
 
-/// True for the formats that only the image library reads.
+/// True for the formats whose files, or some of them, only the image library reads.
 bool needs_imageio(const std::string& format);
 
 /// Loads the module, once; about a quarter of a second.  It is looked for in $ENVCONV_MODULE_PATH (a folder or the

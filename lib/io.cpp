@@ -25,7 +25,9 @@
 #include "imageio_loader.h"
 #include "io_shared.h"
 #include "isolated_reader.h"
+#include "jpeg_read.h"
 #include "ktx.h"
+#include "texture_file.h"
 #include "to_linear.h"
 
 namespace envconv {
@@ -147,13 +149,18 @@ Result<MappedMemory> Decoder::pixels(int picture) {
   return memory;
 }
 
+bool has_own_reader(std::string_view format) {
+  return format == "openexr" || format == "hdr" || format == "jpeg" || is_texture_file(format);
+}
+
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
+  if (options.library || !has_own_reader(format)) return open_imageio(format, fd, options);
   if (format == "openexr") return open_exr(fd, options);
+  if (format == "jpeg") return open_jpeg(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
   if (format == "dds") return open_dds(fd, options);
   if (format == "ktx") return open_ktx1(fd, options);
-  if (format == "ktx2") return open_ktx2(fd, options);
-  return open_imageio(format, fd, options);
+  return open_ktx2(fd, options);
 }
 
 namespace {
@@ -313,6 +320,11 @@ Result<std::unique_ptr<PixelSource>> open_source(const std::string& format, int 
                                                  bool trusted) {
   if (!trusted) return open_isolated(format, fd, how);
   ENVCONV_TRY(std::unique_ptr<Decoder> decoder, open_decoder(format, fd, how));
+  if (!decoder) {
+    DecoderOptions library = how;
+    library.library = true;
+    ENVCONV_TRY(decoder, open_decoder(format, fd, library));
+  }
   return std::unique_ptr<PixelSource>(std::move(decoder));
 }
 

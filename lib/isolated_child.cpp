@@ -128,6 +128,7 @@ void run_child(int socket, int file, const std::string& format, const DecoderOpt
     if (hook == "rubbish") finish(std::string(5000, '\x7F'));
     auto decoder = open_decoder(format, file, options);
     if (!decoder) finish(failure(decoder.error()).bytes());
+    if (!*decoder) finish(MessageWriter(MessageKind::library).bytes());
     const FileSpec& spec = (*decoder)->spec();
     const std::string packed = pack(spec);
     if (packed.size() > kMaxMessage - 1024) finish(failure({ErrorCode::input, "has too much metadata"}).bytes());

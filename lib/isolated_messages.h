@@ -17,8 +17,8 @@ namespace envconv {
 constexpr std::size_t kMaxMessage = 128 * 1024;  ///< bytes; below the usual limit of a socket's buffer
 
 /// How a message begins.
-enum class MessageKind : std::uint32_t { request, started, spec, failure, go, window, rows, done, death };
-constexpr std::int64_t kMessageKinds = 9;
+enum class MessageKind : std::uint32_t { request, started, spec, library, failure, go, window, rows, done, death };
+constexpr std::int64_t kMessageKinds = 10;
 
 /// A message, item by item.
 class MessageWriter {

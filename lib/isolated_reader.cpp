@@ -56,50 +56,22 @@ class IsolatedReader final : public PixelSource {
     if (socket_ >= 0) ::close(socket_);  // the zygote ends the child
   }
 
-  Result<Ok> open(const std::string& format, int fd, const DecoderOptions& options) {
-    MessageWriter request(MessageKind::request);
-    request.text(format);
-    request.number(options.max_pixels);
-    request.number(options.threads);
-    request.number(options.level);
-    const char* hook = std::getenv("ENVCONV_TEST_READER");  // tests make a child misbehave
-    request.text(hook ? hook : "");
-    if (hook) stuck_seconds_ = 2;
-    Error error{ErrorCode::internal, "no process to decode it in"};
-    // A zygote that died is replaced, once.
-    for (int attempt = 0; attempt < 2; ++attempt) {
-      int sockets[2];
-      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets) != 0) {
-        return Error{ErrorCode::limit, std::string("no socket: ") + std::strerror(errno)};
-      }
-      child_ = ask_zygote(request.bytes(), fd, sockets[1]);  // until it has one, which is after the library was loaded
-      ::close(sockets[1]);
-      if (socket_ >= 0) ::close(socket_);
-      socket_ = sockets[0];
-      if (child_ < 0) continue;
-      MessageReader reply("");
-      MessageKind kind = MessageKind::death;
-      auto got = receive(kOpenSeconds, kind, reply);
-      if (got && kind == MessageKind::started) {
-        child_ = static_cast<pid_t>(reply.number(1, INT32_MAX));
-        got = receive(kOpenSeconds, kind, reply);
-      }
-      if (!got) {
-        error = got.error();
-        // No word at all, not even of a death: the zygote is gone.
-        if (!silent_) return error;
-        forget_zygote();
-        continue;
-      }
-      if (kind != MessageKind::spec || !unpack(reply, spec_)) return senseless();
-      theirs_ = spec_;
-      // What the child decodes whole can be taken in bands all the same.
-      for (PictureSpec& picture : spec_.pictures) {
-        if (picture.band == 0) picture.band = band_rows(picture, 1);
-      }
-      return Ok{};
+  Result<Ok> open(const std::string& format, int fd, DecoderOptions options) {
+    MessageReader reply("");
+    MessageKind kind = MessageKind::death;
+    ENVCONV_CHECK(ask_child(format, fd, options, kind, reply));
+    if (kind == MessageKind::library && !options.library) {
+      // Another child, as the library is loaded before children are forked: once for all of them.
+      options.library = true;
+      ENVCONV_CHECK(ask_child(format, fd, options, kind, reply));
     }
-    return error;
+    if (kind != MessageKind::spec || !unpack(reply, spec_)) return senseless();
+    theirs_ = spec_;
+    // What the child decodes whole can be taken in bands all the same.
+    for (PictureSpec& picture : spec_.pictures) {
+      if (picture.band == 0) picture.band = band_rows(picture, 1);
+    }
+    return Ok{};
   }
 
   const FileSpec& spec() const override { return spec_; }
@@ -131,6 +103,44 @@ class IsolatedReader final : public PixelSource {
  private:
   static Error senseless() {
     return {ErrorCode::input, "the reader gave a senseless answer; the file is damaged, or made to do harm"};
+  }
+
+  // Has a child forked for the file, and waits for what it says of it.
+  Result<Ok> ask_child(const std::string& format, int fd, const DecoderOptions& options, MessageKind& kind,
+                       MessageReader& reply) {
+    MessageWriter request(MessageKind::request);
+    request.text(format);
+    request.number(options.max_pixels);
+    request.number(options.threads);
+    request.number(options.level);
+    request.number(options.library);
+    const char* hook = std::getenv("ENVCONV_TEST_READER");  // tests make a child misbehave
+    request.text(hook ? hook : "");
+    if (hook) stuck_seconds_ = 2;
+    Error error{ErrorCode::internal, "no process to decode it in"};
+    // A zygote that died is replaced, once.
+    for (int attempt = 0; attempt < 2; ++attempt) {
+      int sockets[2];
+      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets) != 0) {
+        return Error{ErrorCode::limit, std::string("no socket: ") + std::strerror(errno)};
+      }
+      child_ = ask_zygote(request.bytes(), fd, sockets[1]);  // until it has one, which is after the library was loaded
+      ::close(sockets[1]);
+      if (socket_ >= 0) ::close(socket_);
+      socket_ = sockets[0];
+      if (child_ < 0) continue;
+      auto got = receive(kOpenSeconds, kind, reply);
+      if (got && kind == MessageKind::started) {
+        child_ = static_cast<pid_t>(reply.number(1, INT32_MAX));
+        got = receive(kOpenSeconds, kind, reply);
+      }
+      if (got) return Ok{};
+      error = got.error();
+      // No word at all, not even of a death: the zygote is gone.
+      if (!silent_) return error;
+      forget_zygote();
+    }
+    return error;
   }
 
   // So many bytes that both sides will see: a descriptor for the child, which is closed after it was sent.

@@ -96,13 +96,15 @@ void serve(std::vector<Child>& children, int signals) {
   options.max_pixels = request.number(0, INT64_MAX);
   options.threads = static_cast<int>(request.number(1, 1024));
   options.level = static_cast<int>(request.number(INT32_MIN, INT32_MAX));
+  options.library = request.number(0, 1) != 0;
   const std::string hook = request.text(64);
   if (kind != MessageKind::request || !request.good() || fds.size() != 2) {
     for (const int fd : fds) ::close(fd);
     return;
   }
   if (hook == "zygote") ::_exit(1);
-  if (kLoadsImageio && needs_imageio(format)) (void)load_imageio();  // when it fails, the child says so
+  if (kLoadsImageio && (options.library || !has_own_reader(format)))
+    (void)load_imageio();  // when it fails, the child says so
   const pid_t pid = ::fork();
   if (pid == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);

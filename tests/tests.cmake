@@ -62,6 +62,9 @@ envconv_test(exr_kinds_test LIBRARIES PkgConfig::OPENEXR)
 # Inflates what is deflated, and chooses the number of threads.
 envconv_test(tiff_png_test LIBRARIES PkgConfig::ZLIB PkgConfig::DEFLATE TBB::tbb)
 
+# The image library, libjpeg and libtiff as oracles of the readers that are ours.
+envconv_test(own_readers_test LIBRARIES PkgConfig::JPEG PkgConfig::TIFF)
+
 # The authors' library is GPL: an oracle for this test, never linked into the tool.
 find_library(CHEALPIX chealpix REQUIRED)
 envconv_test(healpix_oracle_test LIBRARIES ${CHEALPIX})
@@ -88,7 +91,7 @@ include(tests/cli.cmake)
 include(tests/fuzz.cmake)
 # The module is loaded at run time.
 foreach(test IN ITEMS block_code_test container_damage_test container_test exr_kinds_test io_damage_test io_output_test
-        io_test tiff_png_test)
+        io_test own_readers_test tiff_png_test)
   add_dependencies(${test} envconv_imageio)
 endforeach()
 
