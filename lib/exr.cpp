@@ -240,7 +240,8 @@ class ExrDecoder final : public Decoder {
                                 target.channels.count(),
                                 part.origin_x - part.data.x0,
                                 part.origin_y - part.data.y0 + first};
-        return read_chunks(*chunks, place, threads_);
+        buffers_.resize(static_cast<std::size_t>(std::max(threads_, 1)));
+        return read_chunks(*chunks, place, buffers_);
       }
       if (threads_ > 1) set_exr_pool_threads(threads_);
       const auto channels = static_cast<std::size_t>(target.channels.count());
@@ -527,6 +528,7 @@ class ExrDecoder final : public Decoder {
   FileStream stream_;
   std::uint64_t size_, tables_ = 0;
   int threads_ = 0;
+  std::vector<ChunkBuffers> buffers_;  // of each thread
   bool checked_ = false;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   FileSpec spec_;

@@ -3,24 +3,18 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <bit>
 #include <cstring>
 #include <limits>
-#include <mutex>
-#include <optional>
 #include <set>
 #include <span>
 #include <string>
 #include <string_view>
-#include <system_error>
-#include <thread>
 #include <utility>
 
 #include "byte_cursor.h"
+#include "decode_blocks.h"
 #include "decoder.h"
-#include "exr_piz.h"
-#include "exr_zip.h"
 #include "file_bytes.h"
 #include "output_file.h"
 #include "row_kernels.h"
@@ -82,22 +76,22 @@ std::uint64_t bytes_of_texel(const ChunkGrid& grid) {
 // Reads chunks one at a time.  One thread's.
 class ChunkReader {
  public:
-  ChunkReader(const ChunkGrid& grid, const ChunkTarget& target)
-      : grid_(grid), target_(target), texel_(bytes_of_texel(grid)) {}
+  ChunkReader(const ChunkGrid& grid, const ChunkTarget& target, ChunkBuffers& buffers)
+      : grid_(grid), target_(target), buffers_(buffers), texel_(bytes_of_texel(grid)) {}
 
   Result<Ok> read(std::int64_t number, std::uint64_t offset) {
     const ChunkBlock block = grid_.block(number);
     ENVCONV_TRY(const std::uint64_t size, read_head(block, offset));
-    bytes_.resize(static_cast<std::size_t>(texel_) * block.texels());
+    buffers_.bytes.resize(static_cast<std::size_t>(texel_) * block.texels());
     const std::uint64_t begin = offset + head_size(grid_.multi_part, grid_.tiled);
     // A chunk that would not get smaller is stored as it is.
-    if (size == bytes_.size()) {
-      ENVCONV_CHECK(read_at(grid_.fd, begin, bytes_));
+    if (size == buffers_.bytes.size()) {
+      ENVCONV_CHECK(read_at(grid_.fd, begin, buffers_.bytes));
     } else {
-      if (size > bytes_.size() || grid_.compression == Imf::NO_COMPRESSION)
+      if (size > buffers_.bytes.size() || grid_.compression == Imf::NO_COMPRESSION)
         return damaged_file("a chunk of another size than its pixels");
-      packed_.resize(static_cast<std::size_t>(size));
-      ENVCONV_CHECK(read_at(grid_.fd, begin, packed_));
+      buffers_.packed.resize(static_cast<std::size_t>(size));
+      ENVCONV_CHECK(read_at(grid_.fd, begin, buffers_.packed));
       if (!unpack(block)) return damaged_file("a chunk that does not unpack to its size");
     }
     place(block);
@@ -105,14 +99,15 @@ class ChunkReader {
   }
 
  private:
-  // packed_ to exactly all of bytes_.
+  // What is packed, to exactly all of a chunk's bytes.
   bool unpack(const ChunkBlock& block) {
-    if (grid_.compression == Imf::RLE_COMPRESSION) return zip_.unpack_runs(packed_, bytes_);
-    if (grid_.compression != Imf::PIZ_COMPRESSION) return zip_.unpack(packed_, bytes_);
-    planes_.clear();
+    if (grid_.compression == Imf::RLE_COMPRESSION) return buffers_.zip.unpack_runs(buffers_.packed, buffers_.bytes);
+    if (grid_.compression != Imf::PIZ_COMPRESSION) return buffers_.zip.unpack(buffers_.packed, buffers_.bytes);
+    buffers_.planes.clear();
     for (const ChunkChannel& channel : grid_.channels)
-      planes_.push_back({static_cast<std::size_t>(block.width), size_of(channel.type) / 2});
-    return piz_.unpack(packed_, planes_, static_cast<std::size_t>(block.height), bytes_);
+      buffers_.planes.push_back({static_cast<std::size_t>(block.width), size_of(channel.type) / 2});
+    return buffers_.piz.unpack(buffers_.packed, buffers_.planes, static_cast<std::size_t>(block.height),
+                               buffers_.bytes);
   }
 
   // Bytes of pixels that the chunk at that offset claims, once it is the one that is meant.
@@ -146,9 +141,9 @@ class ChunkReader {
                        bottom = std::min(block.y + block.height, target_.y + target_.height);
     if (left >= right) return;
     const auto count = static_cast<std::size_t>(right - left), step = static_cast<std::size_t>(target_.channels);
-    values_.resize(count);
+    buffers_.values.resize(count);
     for (std::int64_t y = top; y < bottom; ++y) {
-      const std::uint8_t* line = bytes_.data() + static_cast<std::size_t>((y - block.y) * block.width) * texel_;
+      const std::uint8_t* line = buffers_.bytes.data() + static_cast<std::size_t>((y - block.y) * block.width) * texel_;
       float* row =
           target_.pixels + static_cast<std::size_t>((y - target_.y) * target_.width + (left - target_.x)) * step;
       for (const ChunkChannel& channel : grid_.channels) {
@@ -156,67 +151,36 @@ class ChunkReader {
         if (channel.target >= 0) {
           to_floats(line + static_cast<std::size_t>(left - block.x) * element, channel.type);
           float* to = row + channel.target;
-          for (std::size_t i = 0; i < count; ++i) to[i * step] = values_[i];
+          const float* values = buffers_.values.data();
+          for (std::size_t i = 0; i < count; ++i) to[i * step] = values[i];
         }
         line += static_cast<std::size_t>(block.width) * element;
       }
     }
   }
 
-  // To values_, all of it.  Chunks align nothing.
+  // To the buffer of values, all of it.  Chunks align nothing.
   void to_floats(const std::uint8_t* from, PixelType type) {
-    const std::size_t count = values_.size();
+    const std::size_t count = buffers_.values.size();
     if (type == PixelType::float32) {
-      std::memcpy(values_.data(), from, count * 4);
+      std::memcpy(buffers_.values.data(), from, count * 4);
     } else if (type == PixelType::half) {
-      halves_.resize(count);
-      std::memcpy(halves_.data(), from, count * 2);
-      halves_to_floats(halves_.data(), count, values_.data());
+      buffers_.halves.resize(count);
+      std::memcpy(buffers_.halves.data(), from, count * 2);
+      halves_to_floats(buffers_.halves.data(), count, buffers_.values.data());
     } else {
       for (std::size_t i = 0; i < count; ++i) {
         std::uint32_t value;
         std::memcpy(&value, from + 4 * i, sizeof value);
-        values_[i] = static_cast<float>(value);
+        buffers_.values[i] = static_cast<float>(value);
       }
     }
   }
 
   const ChunkGrid& grid_;
   const ChunkTarget& target_;
+  ChunkBuffers& buffers_;
   std::uint64_t texel_;
-  ZipCodec zip_;
-  PizCodec piz_;
-  std::vector<PizChannel> planes_;
-  std::vector<std::uint8_t> packed_, bytes_;
-  std::vector<std::uint16_t> halves_;
-  std::vector<float> values_;
-};
-
-// What threads share.
-class Queue {
- public:
-  Queue(std::int64_t first, std::int64_t end) : next_(first), end_(end) {}
-
-  std::optional<std::int64_t> take() {
-    const std::int64_t number = next_++;
-    return number < end_ ? std::optional(number) : std::nullopt;
-  }
-  // Nothing more is taken.  Of several errors the one of the first chunk is told: those before it were taken earlier.
-  void fail(std::int64_t number, Error error) {
-    const std::lock_guard lock(mutex_);
-    next_ = end_;
-    if (number >= failed_) return;
-    failed_ = number;
-    error_ = std::move(error);
-  }
-  Result<Ok> result() const { return error_ ? Result<Ok>(*error_) : Result<Ok>(Ok{}); }
-
- private:
-  std::atomic<std::int64_t> next_;
-  std::int64_t end_;
-  std::mutex mutex_;
-  std::int64_t failed_ = std::numeric_limits<std::int64_t>::max();
-  std::optional<Error> error_;
 };
 
 }  // namespace
@@ -288,7 +252,7 @@ Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, s
   return check_size(last, last_tiled);
 }
 
-Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads) {
+Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, std::vector<ChunkBuffers>& buffers) {
   const std::int64_t first_row = target.y / grid.block_height;
   const std::int64_t end_row = (target.y + target.height - 1) / grid.block_height + 1;
   const std::int64_t first = first_row * grid.columns(), end = end_row * grid.columns();
@@ -296,30 +260,10 @@ Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int thr
   const std::uint64_t at = grid.table + static_cast<std::uint64_t>(first) * 8;
   if (at > grid.file_size || (grid.file_size - at) / 8 < offsets.size()) return damaged_file("unexpected end of file");
   ENVCONV_CHECK(read_at(grid.fd, at, {reinterpret_cast<std::uint8_t*>(offsets.data()), offsets.size() * 8}));
-  Queue queue(first, end);
-  const auto work = [&] {
-    std::int64_t number = first;
-    try {
-      ChunkReader reader(grid, target);
-      while (const auto taken = queue.take()) {
-        number = *taken;
-        const auto done = reader.read(number, offsets[static_cast<std::size_t>(number - first)]);
-        if (!done) queue.fail(number, done.error());
-      }
-    } catch (const std::bad_alloc&) {
-      queue.fail(number, {ErrorCode::limit, "not enough memory to decode it"});
-    }
-  };
-  std::vector<std::jthread> others;
-  try {
-    const std::int64_t wanted = std::min<std::int64_t>(threads, end - first) - 1;
-    for (std::int64_t i = 0; i < wanted; ++i) others.emplace_back(work);
-  } catch (const std::system_error&) {
-    // Fewer do as well.
-  }
-  work();
-  others.clear();
-  return queue.result();
+  return decode_blocks(first, end, static_cast<int>(buffers.size()), [&](int thread, std::int64_t number) {
+    ChunkReader reader(grid, target, buffers[static_cast<std::size_t>(thread)]);
+    return reader.read(number, offsets[static_cast<std::size_t>(number - first)]);
+  });
 }
 
 }  // namespace envconv

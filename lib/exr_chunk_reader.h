@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "exr_chunks.h"
+#include "exr_piz.h"
+#include "exr_zip.h"
 #include "io.h"
 #include "result.h"
 
@@ -65,8 +67,19 @@ struct PartChunks {
 /// pixels that are read may be whole where others of the file were cut off.
 Result<Ok> check_chunks(int fd, std::uint64_t file_size, std::uint64_t tables, std::span<const PartChunks> parts);
 
-/// Reads the chunks that the picture lies in, with so many threads.  Error: input, for a file that does not have the
-/// chunks where and as the table says, the same whatever the number of threads.  May throw std::bad_alloc.
-Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, int threads);
+/// What a thread that reads chunks keeps for the next ones.
+struct ChunkBuffers {
+  ZipCodec zip;
+  PizCodec piz;
+  std::vector<PizChannel> planes;
+  std::vector<std::uint8_t> packed, bytes;
+  std::vector<std::uint16_t> halves;
+  std::vector<float> values;
+};
+
+/// Reads the chunks that the picture lies in, with a thread for each of `buffers`, of which there is one.  Error:
+/// input, for a file that does not have the chunks where and as the table says, the same whatever the number of
+/// threads.  May throw std::bad_alloc.
+Result<Ok> read_chunks(const ChunkGrid& grid, const ChunkTarget& target, std::vector<ChunkBuffers>& buffers);
 
 }  // namespace envconv

@@ -128,7 +128,7 @@ class ModuleDecoder final : public Decoder {
   // What the image library would pass over.
   Result<Ok> check_damage() const {
     if (format_ == "png") return check_png(fd_);
-    if (format_ == "tiff") return check_tiff(fd_, level_);
+    if (format_ == "tiff") return check_tiff(fd_, level_, true);
     if (format_ == "gif") return check_gif(fd_);
     if (format_ == "targa") return check_targa(fd_);
     if (format_ == "bmp") return check_bmp(fd_);

@@ -28,6 +28,7 @@
 #include "jpeg_read.h"
 #include "ktx.h"
 #include "texture_file.h"
+#include "tiff_read.h"
 #include "to_linear.h"
 
 namespace envconv {
@@ -150,13 +151,14 @@ Result<MappedMemory> Decoder::pixels(int picture) {
 }
 
 bool has_own_reader(std::string_view format) {
-  return format == "openexr" || format == "hdr" || format == "jpeg" || is_texture_file(format);
+  return format == "openexr" || format == "hdr" || format == "jpeg" || format == "tiff" || is_texture_file(format);
 }
 
 Result<std::unique_ptr<Decoder>> open_decoder(const std::string& format, int fd, const DecoderOptions& options) {
   if (options.library || !has_own_reader(format)) return open_imageio(format, fd, options);
   if (format == "openexr") return open_exr(fd, options);
   if (format == "jpeg") return open_jpeg(fd, options);
+  if (format == "tiff") return open_tiff(fd, options);
   if (format == "hdr") return open_hdr(fd, options);
   if (format == "dds") return open_dds(fd, options);
   if (format == "ktx") return open_ktx1(fd, options);

@@ -2,19 +2,16 @@
 #include "tiff_damage.h"
 
 #include <libdeflate.h>
-#include <tiffio.h>
 
 #include <algorithm>
 #include <cstdint>
-#include <cstdio>
-#include <cstring>
 #include <memory>
 #include <new>
 #include <string>
 #include <vector>
 
 #include "file_bytes.h"
-#include "tiff_messages.h"
+#include "tiff_input.h"
 #include "tiff_streams.h"
 
 namespace envconv {
@@ -24,59 +21,9 @@ constexpr int most_pictures = 64;
 constexpr std::uint64_t header = 8;                           // bytes; BigTIFF's has more
 constexpr std::uint64_t shortest_directory = 2 + 8 * 12 + 4;  // bytes; of the fields that a picture must have
 
-// What libtiff reads from.  Its position is its own: other readers of the descriptor have theirs.
-struct Bytes {
-  int fd;
-  std::uint64_t size, position = 0;
-};
-
-tmsize_t read_bytes(thandle_t handle, void* to, tmsize_t count) {
-  auto& bytes = *static_cast<Bytes*>(handle);
-  const std::uint64_t there = bytes.size - std::min(bytes.position, bytes.size);
-  const std::uint64_t n = std::min(there, static_cast<std::uint64_t>(std::max<tmsize_t>(count, 0)));
-  if (!read_at(bytes.fd, bytes.position, {static_cast<std::uint8_t*>(to), static_cast<std::size_t>(n)})) return -1;
-  bytes.position += n;
-  return static_cast<tmsize_t>(n);
-}
-
-tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return -1; }
-
-toff_t seek(thandle_t handle, toff_t offset, int whence) {
-  auto& bytes = *static_cast<Bytes*>(handle);
-  bytes.position = (whence == SEEK_CUR ? bytes.position : whence == SEEK_END ? bytes.size : 0) + offset;
-  return bytes.position;
-}
-
-int close(thandle_t) { return 0; }
-
-toff_t size(thandle_t handle) { return static_cast<Bytes*>(handle)->size; }
-
-// A strip or a tile: its bytes in the file.
-struct Extent {
-  std::uint64_t offset, size;
-};
-
-// What libtiff said.
-struct Heard {
-  std::string error;     // the last
-  bool guessed = false;  // it takes the sizes of strips from the picture's where those in the file cannot be
-  bool corrupt = false;  // libjpeg makes up what it lacks
-};
-
-int hear_warning(TIFF*, void* to, const char* module, const char* format, va_list arguments) {
-  auto& heard = *static_cast<Heard*>(to);
-  if (std::strncmp(format, "Bogus ", 6) == 0) heard.guessed = true;
-  char text[256];
-  std::vsnprintf(text, sizeof text, format, arguments);
-  if (std::strcmp(module ? module : "", "JPEGLib") == 0 &&
-      (std::strncmp(text, "Corrupt", 7) == 0 || std::strncmp(text, "Premature", 9) == 0))
-    heard.corrupt = true;
-  return 1;
-}
-
 class Checker {
  public:
-  Checker(TIFF* tiff, const Bytes& bytes, Heard& heard) : tiff_(tiff), bytes_(bytes), heard_(heard) {}
+  explicit Checker(TiffInput& input) : tiff_(input.tiff()), input_(input), heard_(input.heard()) {}
 
   // Whether what the fields say of the samples goes together.
   Result<Ok> samples() const {
@@ -110,25 +57,26 @@ class Checker {
     const std::uint32_t count = blocks();
     const std::uint64_t directory = TIFFCurrentDirOffset(tiff_);
     for (std::uint32_t i = 0; i < count; ++i) {
-      const Extent extent = extent_of(i);
+      const TiffExtent extent = extent_of_block(tiff_, i);
       const bool before = extent.offset <= directory;
       if (before ? directory - extent.offset < extent.size : extent.offset - directory < shortest_directory)
-        return damaged_file(name_of(i) + " lies where the directory is");
-      if (extent.offset > bytes_.size || extent.size > bytes_.size - extent.offset)
-        return damaged_file(name_of(i) + " lies behind the end of the file");
-      if (extent.offset < header && extent.size > 0) return damaged_file(name_of(i) + " lies in the file's header");
+        return damaged_file(name_of_block(tiff_, i) + " lies where the directory is");
+      if (extent.offset > input_.size() || extent.size > input_.size() - extent.offset)
+        return damaged_file(name_of_block(tiff_, i) + " lies behind the end of the file");
+      if (extent.offset < header && extent.size > 0)
+        return damaged_file(name_of_block(tiff_, i) + " lies in the file's header");
     }
     return Ok{};
   }
 
   // Whether the strips or tiles unpack to what they should, as far as their compression tells.
-  Result<Ok> streams() const {
+  Result<Ok> streams(bool checksums) const {
     std::uint16_t compression = 0, order = FILLORDER_MSB2LSB;
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_COMPRESSION, &compression);
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_FILLORDER, &order);
     const bool deflated = compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE;
     const bool counted = compression == COMPRESSION_LZW || compression == COMPRESSION_PACKBITS;
-    if (!deflated && !counted && !goes_on_after_errors(compression)) return Ok{};
+    if (deflated ? !checksums : !counted && !goes_on_after_errors(compression)) return Ok{};
     const tmsize_t largest = TIFFIsTiled(tiff_) ? TIFFTileSize(tiff_) : TIFFStripSize(tiff_);
     if (largest <= 0) return damaged_file("strips or tiles of no size");
     const auto full = static_cast<std::size_t>(largest);
@@ -137,18 +85,18 @@ class Checker {
     std::vector<std::uint8_t> packed;
     const std::uint32_t count = blocks();
     for (std::uint32_t i = 0; i < count; ++i) {
-      const Extent extent = extent_of(i);
+      const TiffExtent extent = extent_of_block(tiff_, i);
       packed.resize(static_cast<std::size_t>(extent.size));
-      ENVCONV_CHECK(read_at(bytes_.fd, extent.offset, packed));
+      ENVCONV_CHECK(read_at(input_.fd(), extent.offset, packed));
       if (order == FILLORDER_LSB2MSB) TIFFReverseBits(packed.data(), static_cast<tmsize_t>(packed.size()));
       if (deflated) {
-        if (!checksum.matches(packed)) return damaged_file(name_of(i) + " does not match its checksum");
+        if (!checksum.matches(packed)) return damaged_file(name_of_block(tiff_, i) + " does not match its checksum");
         continue;
       }
       const std::uint64_t size = bytes_of(i, full);
       if (!(compression == COMPRESSION_LZW ? lzw_unpacks_to(packed, size, full)
                                            : packbits_unpacks_to(packed, size, full)))
-        return damaged_file(name_of(i) + " does not unpack to its size");
+        return damaged_file(name_of_block(tiff_, i) + " does not unpack to its size");
     }
     return Ok{};
   }
@@ -195,7 +143,8 @@ class Checker {
       const tmsize_t made = TIFFIsTiled(tiff_) ? TIFFReadEncodedTile(tiff_, i, room.get(), size)
                                                : TIFFReadEncodedStrip(tiff_, i, room.get(), size);
       if (made < 0 || !heard_.error.empty() || heard_.corrupt)
-        return damaged_file(name_of(i) + " does not unpack" + (heard_.error.empty() ? "" : ": " + heard_.error));
+        return damaged_file(name_of_block(tiff_, i) + " does not unpack" +
+                            (heard_.error.empty() ? "" : ": " + heard_.error));
     }
     return Ok{};
   }
@@ -213,38 +162,28 @@ class Checker {
   }
 
   std::uint32_t blocks() const { return TIFFIsTiled(tiff_) ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_); }
-  Extent extent_of(std::uint32_t i) const { return {TIFFGetStrileOffset(tiff_, i), TIFFGetStrileByteCount(tiff_, i)}; }
-  std::string name_of(std::uint32_t i) const { return (TIFFIsTiled(tiff_) ? "tile " : "strip ") + std::to_string(i); }
 
   TIFF* tiff_;
-  const Bytes& bytes_;
-  Heard& heard_;
+  const TiffInput& input_;
+  TiffHeard& heard_;
 };
 
 }  // namespace
 
-Result<Ok> check_tiff(int fd, int picture) {
+Result<Ok> check_tiff(int fd, int picture, bool checksums) {
   ENVCONV_TRY(const std::uint64_t file_size, size_of_file(fd));
-  Bytes bytes{fd, file_size};
-  Heard heard;
-  const auto options = tiff_messages_to(heard.error);
-  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), hear_warning, &heard);
-  const std::unique_ptr<TIFF, void (*)(TIFF*)> tiff(
-      TIFFClientOpenExt("the file", "rm", &bytes, read_bytes, write_nothing, seek, close, size, nullptr, nullptr,
-                        options.get()),
-      TIFFClose);
-  const auto told = [&] { return damaged_file(heard.error.empty() ? "libtiff gave no reason" : heard.error); };
-  if (!tiff) return told();
-  Checker checker(tiff.get(), bytes, heard);
+  TiffInput input(fd, file_size);
+  if (!input.tiff()) return input.damage();
+  Checker checker(input);
   for (int i = 0; i < most_pictures; ++i) {
-    if (heard.guessed) return damaged_file("sizes of strips that cannot be");
+    if (input.heard().guessed) return damaged_file("sizes of strips that cannot be");
     ENVCONV_CHECK(checker.extents());
     if (i == picture) {
       ENVCONV_CHECK(checker.samples());
-      ENVCONV_CHECK(checker.streams());
+      ENVCONV_CHECK(checker.streams(checksums));
     }
-    if (TIFFLastDirectory(tiff.get())) return Ok{};
-    if (!TIFFReadDirectory(tiff.get())) return told();
+    if (TIFFLastDirectory(input.tiff())) return Ok{};
+    if (!TIFFReadDirectory(input.tiff())) return input.damage();
   }
   return Ok{};
 }
