@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "packing.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
@@ -143,14 +145,14 @@ void for_each_face_row(const Cell& cell, int first, int end, Image& face, Image&
   const int w = cell.size.width, h = cell.size.height;
   const std::ptrdiff_t right = packed.channels();
   const std::ptrdiff_t down = static_cast<std::ptrdiff_t>(packed.width()) * packed.channels();
-  for (int j = first; j < end; ++j) {
+  tbb::parallel_for(first, end, [&](int j) {
     switch (cell.quarter_turns & 3) {
       case 0: copy(face.row(j), packed.at(cell.x, cell.y + j), w, right); break;
       case 1: copy(face.row(j), packed.at(cell.x + h - 1 - j, cell.y), w, down); break;
       case 2: copy(face.row(j), packed.at(cell.x + w - 1, cell.y + h - 1 - j), w, -right); break;
       default: copy(face.row(j), packed.at(cell.x + j, cell.y + w - 1), w, -down); break;
     }
-  }
+  });
 }
 
 // Copies between all faces and the packed image, a band of its rows after the other, so that what was copied can be

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <filesystem>
 #include <new>
+#include <system_error>
+#include <thread>
 #include <utility>
 
 #include "convert.h"
@@ -293,7 +295,36 @@ class Conversion {
     needed_ = memory.needed;
     waited_ += watch_.lap();
     if (memory.scratch > 0) scratch_ = std::make_shared<Scratch>(memory.folder, memory.resident);
+    prepare_room(header);
     return Ok{};
+  }
+
+  // The result's pages, which take the system time to make, come into being while the source is decoded: not where
+  // that needs the memory itself, to take a picture apart.
+  void prepare_room(const PictureFile& header) {
+    const Recognition& source = outcome_.shape.source;
+    if (scratch_ || turn_.threads() < 2 || header.pictures.size() != 1 || source.layout->face_count() > 1) return;
+    if (source.layout == o_.layout) return;  // it may be taken as it is
+    constexpr std::size_t worth_a_thread = std::size_t{8} << 20;
+    if (outcome_.shape.result_bytes < worth_a_thread) return;
+    try {
+      room_ready_ = std::jthread([this] { make_room(); });
+    } catch (const std::system_error&) {
+      // There are no more threads to be had.
+    }
+  }
+
+  void make_room() {
+    constexpr std::size_t page = 4096 / sizeof(float);
+    try {
+      for (const Size& size : outcome_.shape.faces) {
+        Image face(size.width, size.height, outcome_.shape.channels);
+        for (std::size_t i = 0; i < face.value_count(); i += page) face.data()[i] = 0;
+        room_.faces.push_back(std::move(face));
+      }
+    } catch (const std::bad_alloc&) {
+      room_.faces.clear();  // it is asked for again
+    }
   }
 
   Result<Ok> read() {
@@ -351,7 +382,8 @@ class Conversion {
     };
     options.threads = turn_.take_cores(texels + static_cast<std::int64_t>(image_.texel_count()));
     watch_.lap();
-    EnvImage room = scratch_ ? room_for_result() : EnvImage{};
+    if (room_ready_.joinable()) room_ready_.join();
+    EnvImage room = scratch_ ? room_for_result() : std::move(room_);
     Result<EnvImage> result = named(job_, resample(std::move(image_), options, std::move(room)));
     outcome_.resample_seconds = watch_.lap();
     turn_.release_cores();
@@ -411,6 +443,8 @@ class Conversion {
   std::shared_ptr<Scratch> scratch_;  // for images that do not fit into memory
   StopWatch watch_;
   double waited_ = 0;
+  EnvImage room_;            // for the result, when the thread has ended
+  std::jthread room_ready_;  // that makes it
 };
 
 }  // namespace
