@@ -33,7 +33,9 @@ void open_end(std::vector<std::uint8_t>& stream, std::vector<std::uint8_t>& infl
       z.next_out = inflated.data();
       z.avail_out = static_cast<uInt>(inflated.size());
       // Without progress where a block ended with the bits that it has already.
-      if (const int told = inflate(&z, Z_BLOCK); told != Z_OK && !(told == Z_BUF_ERROR && between_blocks(z)))
+      const int told = inflate(&z, Z_BLOCK);
+      if (told == Z_MEM_ERROR) throw std::bad_alloc();
+      if (told != Z_OK && !(told == Z_BUF_ERROR && between_blocks(z)))
         throw std::runtime_error("deflated bytes that cannot be inflated");
     } while (!between_blocks(z));
     const int unused = unused_bits(z);

@@ -7,6 +7,7 @@
 
 #include <cstdio>
 #include <memory>
+#include <new>
 #include <string>
 
 namespace envconv {
@@ -14,8 +15,10 @@ namespace envconv {
 using TiffOptions = std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)>;
 
 /// Options for opening a file whose last error will be in `message`, which must outlive it; warnings are dropped.
+/// Throws std::bad_alloc.
 inline TiffOptions tiff_messages_to(std::string& message) {
   TiffOptions options(TIFFOpenOptionsAlloc(), TIFFOpenOptionsFree);
+  if (!options) throw std::bad_alloc();
   TIFFOpenOptionsSetErrorHandlerExtR(
       options.get(),
       [](TIFF*, void* to, const char*, const char* format, va_list arguments) {

@@ -3,13 +3,17 @@
 // (2005).
 #include "tiff_write.h"
 
+#include <fcntl.h>
+
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <new>
 #include <vector>
 
 #include "deflate.h"
 #include "in_order.h"
+#include "tiff_lzw.h"
 #include "tiff_messages.h"
 
 namespace envconv {
@@ -74,11 +78,16 @@ class BlockPacker {
                   pixels.row(y + i) + static_cast<std::size_t>(x) * texel, used);
   }
 
-  void deflate(const StoredPixels& pixels) {
+  // Not by libtiff: it knows one thread, and where it has no memory to predict a line in, it stores another one.
+  void pack(const StoredPixels& pixels, std::uint16_t scheme) {
     for (std::size_t at = 0; at < bytes_.size(); at += line_) predict(pixels, bytes_.data() + at);
-    deflated_.resize(libdeflate_zlib_compress_bound(nullptr, bytes_.size()));
-    deflated_.resize(deflater_.zlib(bytes_, deflate_level, deflated_));
-    bytes_.swap(deflated_);
+    if (scheme == COMPRESSION_LZW) {
+      lzw_.pack(bytes_, packed_);
+    } else {
+      packed_.resize(libdeflate_zlib_compress_bound(nullptr, bytes_.size()));
+      packed_.resize(deflater_.zlib(bytes_, deflate_level, packed_));
+    }
+    bytes_.swap(packed_);
   }
 
   std::vector<std::uint8_t>& bytes() { return bytes_; }
@@ -98,8 +107,9 @@ class BlockPacker {
   }
 
   Deflater deflater_;
+  LzwEncoder lzw_;
   std::size_t line_ = 0;  // bytes
-  std::vector<std::uint8_t> bytes_, deflated_, planes_;
+  std::vector<std::uint8_t> bytes_, packed_, planes_;
 };
 
 // --- libtiff's view of the file --------------------------------------------------------------------------------------
@@ -110,6 +120,7 @@ tmsize_t read_bytes(thandle_t handle, void* to, tmsize_t size) {
   return static_cast<tmsize_t>(file_of(handle).read(to, static_cast<std::size_t>(size)));
 }
 tmsize_t write_bytes(thandle_t handle, void* from, tmsize_t size) {
+  if (!from && size > 0) return -1;  // it had no memory, and takes no notice
   file_of(handle).write(from, static_cast<std::size_t>(size));
   return size;
 }
@@ -128,10 +139,15 @@ struct TiffWriter::State {
   std::string message;  // libtiff's last
   TIFF* tiff = nullptr;
   bool more = false;  // not the first picture
+  bool incomplete = false;
 
   explicit State(OutputFile& f) : file(f) {}
   ~State() {
-    if (tiff) TIFFClose(tiff);
+    // A directory that libtiff had no memory for it cannot free either: it would crash.
+    if (!tiff || incomplete) return;
+    // As if it had been read: what was left unfinished is not written, which may be more than libtiff can.
+    TIFFSetMode(tiff, O_RDONLY);
+    TIFFClose(tiff);
   }
 
   // A disk that is full has not got what was written, and says so itself when asked to sync.
@@ -140,37 +156,43 @@ struct TiffWriter::State {
     return Error{ErrorCode::output, message.empty() ? "libtiff failed and gave no reason" : message};
   }
 
+  // Fails only for want of memory, after which libtiff would go on without the field, or crash.
+  template <class... Values>
+  void set(std::uint32_t tag, Values... values) {
+    if (TIFFSetField(tiff, tag, values...) != 1) incomplete = true;
+  }
+
   void describe(const StoredPixels& pixels, const TiffStorage& storage, const Blocks& blocks) {
-    if (more) TIFFSetField(tiff, TIFFTAG_SUBFILETYPE, FILETYPE_REDUCEDIMAGE);
-    TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, static_cast<std::uint32_t>(pixels.width));
-    TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, static_cast<std::uint32_t>(pixels.height));
-    TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, pixels.channels);
-    TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, static_cast<int>(8 * size_of(pixels.type)));
-    TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, is_real(pixels.type) ? SAMPLEFORMAT_IEEEFP : SAMPLEFORMAT_UINT);
-    TIFFSetField(tiff, TIFFTAG_ORIENTATION, ORIENTATION_TOPLEFT);
-    TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+    if (more) set(TIFFTAG_SUBFILETYPE, FILETYPE_REDUCEDIMAGE);
+    set(TIFFTAG_IMAGEWIDTH, static_cast<std::uint32_t>(pixels.width));
+    set(TIFFTAG_IMAGELENGTH, static_cast<std::uint32_t>(pixels.height));
+    set(TIFFTAG_SAMPLESPERPIXEL, pixels.channels);
+    set(TIFFTAG_BITSPERSAMPLE, static_cast<int>(8 * size_of(pixels.type)));
+    set(TIFFTAG_SAMPLEFORMAT, is_real(pixels.type) ? SAMPLEFORMAT_IEEEFP : SAMPLEFORMAT_UINT);
+    set(TIFFTAG_ORIENTATION, ORIENTATION_TOPLEFT);
+    set(TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
     const int colors = pixels.channels >= 3 ? 3 : 1;
-    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, colors == 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
+    set(TIFFTAG_PHOTOMETRIC, colors == 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
     if (pixels.channels > colors) {
       std::vector<std::uint16_t> kinds(static_cast<std::size_t>(pixels.channels - colors), EXTRASAMPLE_UNSPECIFIED);
       if (pixels.alpha >= colors)
         kinds[static_cast<std::size_t>(pixels.alpha - colors)] =
             is_real(pixels.type) ? EXTRASAMPLE_ASSOCALPHA : EXTRASAMPLE_UNASSALPHA;
-      TIFFSetField(tiff, TIFFTAG_EXTRASAMPLES, static_cast<int>(kinds.size()), kinds.data());
+      set(TIFFTAG_EXTRASAMPLES, static_cast<int>(kinds.size()), kinds.data());
     }
     const std::uint16_t scheme = scheme_of(storage.compression);
-    TIFFSetField(tiff, TIFFTAG_COMPRESSION, scheme);
+    set(TIFFTAG_COMPRESSION, scheme);
     if (scheme == COMPRESSION_ADOBE_DEFLATE || scheme == COMPRESSION_LZW)
-      TIFFSetField(tiff, TIFFTAG_PREDICTOR, is_real(pixels.type) ? PREDICTOR_FLOATINGPOINT : PREDICTOR_HORIZONTAL);
+      set(TIFFTAG_PREDICTOR, is_real(pixels.type) ? PREDICTOR_FLOATINGPOINT : PREDICTOR_HORIZONTAL);
     if (storage.tile > 0) {
-      TIFFSetField(tiff, TIFFTAG_TILEWIDTH, storage.tile);
-      TIFFSetField(tiff, TIFFTAG_TILELENGTH, storage.tile);
+      set(TIFFTAG_TILEWIDTH, storage.tile);
+      set(TIFFTAG_TILELENGTH, storage.tile);
       // By this, readers take the pictures that follow for levels.
-      TIFFSetField(tiff, TIFFTAG_PIXAR_TEXTUREFORMAT, "Plain Texture");
+      set(TIFFTAG_PIXAR_TEXTUREFORMAT, "Plain Texture");
     } else {
-      TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, static_cast<std::uint32_t>(blocks.height));
+      set(TIFFTAG_ROWSPERSTRIP, static_cast<std::uint32_t>(blocks.height));
     }
-    if (!storage.description.empty()) TIFFSetField(tiff, TIFFTAG_IMAGEDESCRIPTION, storage.description.c_str());
+    if (!storage.description.empty()) set(TIFFTAG_IMAGEDESCRIPTION, storage.description.c_str());
   }
 
   // A block whose bytes are as the file has them, or left to libtiff to compress.
@@ -198,13 +220,15 @@ Result<Ok> TiffWriter::add(const StoredPixels& pixels, const TiffStorage& storag
   if (!state_->tiff) return state_->failure();
   const Blocks blocks(pixels, storage.tile);
   state_->describe(pixels, storage, blocks);
-  const bool tiled = storage.tile > 0, zip = storage.compression == "zip", raw = zip || storage.compression == "none";
+  if (state_->incomplete) throw std::bad_alloc();
+  const std::uint16_t scheme = scheme_of(storage.compression);
+  const bool tiled = storage.tile > 0, raw = scheme != COMPRESSION_PACKBITS;
   bool good = true;
   in_order<BlockPacker>(
       blocks.count,
       [&](BlockPacker& packer, std::int64_t number) {
         packer.gather(pixels, blocks, number, tiled);
-        if (zip) packer.deflate(pixels);
+        if (raw && scheme != COMPRESSION_NONE) packer.pack(pixels, scheme);
       },
       [&](BlockPacker& packer, std::int64_t number) {
         good = good && state_->put(packer.bytes(), number, tiled, raw);

@@ -274,6 +274,23 @@ class Allocations(Injected):
         words = ("in.exr", "-o", "out.exr", "--size", 16, "-j", 1, "--compression", "piz", "--verify")
         self.check_allocations(words, 20, (0, 4, 6))
 
+    def test_writers_without_memory(self):
+        # libtiff says what it had no memory for in words of its own.
+        write_exr(self.path("in.exr"), 64, 32, lambda x, y: (x / 64, y / 32, 0.5))
+        for name, *words in (("out.png", "--type", "uint16"), ("out.jpg",), ("out.tif", "--compression", "zip"),
+                             ("out.tif", "--compression", "lzw")):
+            line = ("in.exr", "-o", name, "--size", 64, "-j", 1, *words)
+            self.run_injected("malloc:0:0", *line, expect=(0,))
+            good, calls = self.path(name).read_bytes(), self.calls
+            # Writing comes last.
+            for n in range(calls - 60, calls, 2):
+                self.path(name).unlink(missing_ok=True)
+                status = self.run_injected(f"malloc:{n}:{errno.ENOMEM}", *line, expect=(0, 4, 6))
+                if status != 0:
+                    self.assertRegex(self.err, r"(not enough|[Oo]ut of|[Nn]o space|writing)", (name, n))
+                if status == 0:
+                    self.assertEqual(self.path(name).read_bytes(), good, (name, n))
+
 
 class Values(Case):
     PLAIN = ("--compression", "none", "--type", "float", "--to", "latlong")
