@@ -15,6 +15,7 @@ namespace envconv::tool {
 namespace {
 
 constexpr std::size_t MiB = std::size_t{1} << 20;
+constexpr std::size_t huge_page = 2 * MiB;  // of which large images take whole ones
 
 // What a stored value takes while it is decoded or encoded.
 std::size_t bytes_of(PixelType type) {
@@ -71,7 +72,7 @@ class Stages {
     const std::size_t lines = 32 * row * (file_.format == "openexr" ? thread_count(o_.threads) : 1);
     const std::size_t band = std::min(decoded, std::max(4 * MiB, std::min(lines, 64 * MiB)) + 32 * row);
     const bool in_bands = streamed && decoded > band;
-    stage.working = MiB + (direct ? 0 : band) + (in_bands ? 2 * band : 0);
+    stage.working = MiB + (direct ? 0 : band) + (in_bands ? 2 * band + huge_page : 0);
     // Many formats are decoded whole, and some codecs hold a copy; in this process when the input is trusted.
     const std::size_t codec = streamed ? codec_buffers() : decoded + image_library;
     stage.decoder = codec + (in_bands ? 2 * band : decoded);
