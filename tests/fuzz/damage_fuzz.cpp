@@ -18,7 +18,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto check = [&] {
     if (start == "\x89PNG") return envconv::check_png(fd);
     if (start == std::string_view("II*\0", 4) || start == std::string_view("MM\0*", 4))
-      return envconv::check_tiff(fd, 0);
+      return envconv::check_tiff(fd, 0, true);
     if (start.starts_with("GIF")) return envconv::check_gif(fd);
     if (start.starts_with("BM")) return envconv::check_bmp(fd);
     if (start.starts_with("\x01\xda")) return envconv::check_sgi(fd);
