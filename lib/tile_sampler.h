@@ -42,6 +42,23 @@ struct Workspace {
   std::vector<float> weight4;  // of the grid's texels in a row, each four times
 };
 
+/// visit(s) for every sample that reads an excess.  Neighbours mostly share a block.
+template <class Visit>
+void for_each_near_highlight(const Source& source, const Workspace& w, int n, const Visit& visit) {
+  constexpr int side = Highlights::side;
+  int block_x = -1, block_y = -1;
+  float face = -1;
+  const BlockTexels* mask = nullptr;
+  for (int s = 0; s < n; ++s) {
+    const Place p = place_of(w.windows, s);
+    if (p.x / side != block_x || p.y / side != block_y || w.face[s] != face) {
+      block_x = p.x / side, block_y = p.y / side, face = w.face[s];
+      mask = source.highlights().mask_at(source.faces()[static_cast<std::size_t>(face)], p.x, p.y);
+    }
+    if (mask && (mask->rows[p.y % side] >> (p.x % side) & 1)) visit(s);
+  }
+}
+
 /// One source, up to four channels of it, on its way to one output.  For several threads, each with its own workspace.
 class TileSampler {
  public:
