@@ -2,7 +2,8 @@
 //
 // Three kinds of process take part:
 //   the caller    asks, checks every answer, owns the memory that pixels arrive in;
-//   the zygote    forked once, single-threaded, forks a child for each file and reaps it;
+//   the zygote    forked once, runs one thread of ours (libraries that it loads may start idle ones), forks a child for
+//                 each file and reaps it;
 //   the child     decodes one file under limits and ends.
 // The caller and a child talk over a socket pair made for the file; the zygote keeps the child's end as well, so that
 // it can say how the child died, and so that it notices when the caller has gone away.  The zygote opens no file and
