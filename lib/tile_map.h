@@ -31,7 +31,7 @@ inline double tile_variable(double texels, int side) { return 4 * texels / side 
 class TileMap {
  public:
   /// Nothing where the tile, or what is up to `reach` texels around it, sees several faces or an edge, or is no such
-  /// polynomial to 2e-4 of the source's texels.  to: the plan's nodes.
+  /// polynomial to 2e-4 of the source's texels.  plan: the tile's.
   static std::optional<TileMap> find(const Source& source, const EnvImage& out, const Mat3& source_from_out,
                                      const Tile& tile, const TilePlan& plan, double reach);
 
