@@ -98,25 +98,6 @@ inline constexpr int sinc_taps = 8;
 /// floats a texel; of three channels the fourth is 0.  Loads reach up to 16 floats past a window's row.
 void interpolate_sinc(int channels, int n, const SincWindow* windows, float* out);
 
-/// out[i] = sum over k < count of weight[k] * rows[k][i], for i < n; n rounded up to 16 are touched.
-void combine_rows(int n, int count, const float* weight, const float* const* rows, float* out);
-
-/// Texels of four floats from samples of four floats: out[i][c] = sum over k < taps of weight[i % phases][k][c] *
-/// in[i / phases * step + first[i % phases] + k][c], for i < n and c < 4; weight's four are all the same.
-void combine_samples(int n, int phases, int step, int taps, const int* first, const float* weight, const float* in,
-                     float* out);
-
-/// What texels are divided by: of[i * step], or nothing where `of` is null.
-struct Totals {
-  const float* of = nullptr;
-  int step = 1;
-};
-
-/// to[i][channels] = in[i][4] over its total, not below lowest[c].  Other channels of `to`, which is `stored` floats a
-/// texel, are not touched.
-void store_texels(int n, const float* in, const Totals& totals, const float lowest[4], int channels, int stored,
-                  float* to);
-
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "creases.h"
+#include "grid_kernels.h"
 #include "grid_tables.h"
 #include "read_kernels.h"
 #include "scattered_windows.h"
