@@ -115,7 +115,7 @@ std::vector<double> wave_weights(const std::vector<double>& x, bool symmetric, d
   for (int i = 0; i < waves; ++i) {
     const double f = 0.625 * steps_per_texel * (i + 0.5) / waves;  // to past the grid's own limit of half the steps
     const double within = std::min(0.85 * band, 0.42 * steps_per_texel);
-    const double low = 300 * std::max(0.0, 1 - f / 0.4);
+    const double low = 2000 * std::max(0.0, 1 - f / 0.36);
     const double importance = f <= within ? (f <= 0.5 ? 20 + low : 2) : f <= band ? 0.25 : 0.02;
     const double k = 2 * M_PI * f, truth = std::sin(0.5 * k) / (0.5 * k);
     const double height = drooping_height(k * wave.along) * drooping_height(k * wave.across);
