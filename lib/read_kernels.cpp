@@ -90,6 +90,13 @@ HWY_INLINE V polynomial(V x, const float* c) {
   return sum;
 }
 
+// Weights of a tap after the middle one, a polynomial in f, and of the one as far before it, the same in -f.
+template <class V>
+HWY_INLINE void tap_pair(V f, V ff, const float* c, V& before, V& after) {
+  const V even = polynomial<4, 2>(ff, c), odd = hn::Mul(f, polynomial<3, 2>(ff, c + 1));
+  before = hn::Sub(even, odd), after = hn::Add(even, odd);
+}
+
 // Weights of a kernel's taps at fraction f; absent ones are 0.
 template <Kernel kernel, class V>
 HWY_INLINE void tap_weights(V f, V (&w)[8]) {
@@ -113,11 +120,14 @@ HWY_INLINE void tap_weights(V f, V (&w)[8]) {
     constexpr const float* c1 = kernel == Kernel::drooping ? drooping::c1 : band_limited::c1;
     constexpr const float* c2 = kernel == Kernel::drooping ? drooping::c2 : band_limited::c2;
     const V ff = hn::Mul(f, f);
-    const V even1 = polynomial<4, 2>(ff, c1), odd1 = hn::Mul(f, polynomial<3, 2>(ff, c1 + 1));
-    const V even2 = polynomial<4, 2>(ff, c2), odd2 = hn::Mul(f, polynomial<3, 2>(ff, c2 + 1));
-    w[0] = hn::Sub(even2, odd2), w[1] = hn::Sub(even1, odd1);
     w[2] = polynomial<4, 1>(ff, c0);
-    w[3] = hn::Add(even1, odd1), w[4] = hn::Add(even2, odd2);
+    tap_pair(f, ff, c1, w[1], w[3]), tap_pair(f, ff, c2, w[0], w[4]);
+  } else if constexpr (kernel == Kernel::band_limited_wide) {
+    const V ff = hn::Mul(f, f);
+    w[3] = polynomial<4, 1>(ff, band_limited_wide::c0);
+    tap_pair(f, ff, band_limited_wide::c1, w[2], w[4]);
+    tap_pair(f, ff, band_limited_wide::c2, w[1], w[5]);
+    tap_pair(f, ff, band_limited_wide::c3, w[0], w[6]);
   }
 }
 
@@ -220,6 +230,7 @@ void windows_of(Kernel kernel, const Places& places, int begin, int end, const f
     case Kernel::bilinear: return windows_of<Kernel::bilinear>(places, begin, end, weight, windows);
     case Kernel::catmull_rom: return windows_of<Kernel::catmull_rom>(places, begin, end, weight, windows);
     case Kernel::band_limited: return windows_of<Kernel::band_limited>(places, begin, end, weight, windows);
+    case Kernel::band_limited_wide: return windows_of<Kernel::band_limited_wide>(places, begin, end, weight, windows);
     case Kernel::drooping: return windows_of<Kernel::drooping>(places, begin, end, weight, windows);
     case Kernel::lanczos3: return windows_of<Kernel::lanczos3>(places, begin, end, weight, windows);
   }
@@ -337,6 +348,50 @@ HWY_INLINE hn::Vec<hn::CappedTag<float, 4>> first_four(V v) {
     return first_four(hn::LowerHalf(v));
 }
 
+// Where eight lanes' weights are among eight, in vector `which` of a row of three channels without gaps.
+struct PackedTaps {
+  alignas(64) std::int32_t index[8];
+  constexpr explicit PackedTaps(int which) : index() {
+    for (int l = 0; l < 8; ++l) index[l] = std::min((8 * which + l) / 3, 7);
+  }
+};
+
+// The four floats from `at` on of a row of halves of vectors.
+template <int at, class V>
+HWY_INLINE V four_at(const V* halves) {
+  constexpr int half = at / 4, rest = at % 4;
+  if constexpr (rest == 0)
+    return halves[half];
+  else
+    return hn::CombineShiftRightBytes<4 * rest>(hn::DFromV<V>(), halves[half + 1], halves[half]);
+}
+template <int texels, class V>
+HWY_INLINE V add_packed(const V* halves) {
+  if constexpr (texels == 1)
+    return halves[0];
+  else
+    return hn::Add(add_packed<texels - 1>(halves), four_at<3 * (texels - 1)>(halves));
+}
+
+// Window i of three channels where vectors have eight lanes: whole vectors of a row, across its texels.  What lies past
+// the window ends up in the fourth float.
+template <Kernel kernel, class D>
+HWY_INLINE hn::Vec<hn::CappedTag<float, 4>> sum_packed(D d, const Windows& s, int i) {
+  constexpr int count = taps(kernel), vectors = (3 * count + 7) / 8;
+  const hn::Half<D> half;
+  const auto weights = hn::Combine(d, hn::Load(half, s.wx[1] + 4 * i), hn::Load(half, s.wx[0] + 4 * i));
+  hn::Vec<hn::Half<D>> halves[2 * vectors];
+  for (int k = 0; k < vectors; ++k) {
+    const float* HWY_RESTRICT from = s.first[i] + 8 * k;
+    auto sum = hn::Mul(hn::Set(d, s.wy[0][i]), hn::LoadU(d, from));
+    for (int j = 1; j < count; ++j) sum = hn::MulAdd(hn::Set(d, s.wy[j][i]), hn::LoadU(d, from + j * s.pitch[i]), sum);
+    static constexpr PackedTaps tables[3] = {PackedTaps(0), PackedTaps(1), PackedTaps(2)};
+    sum = hn::Mul(sum, hn::TableLookupLanes(weights, hn::SetTableIndices(d, tables[k].index)));
+    halves[2 * k] = hn::LowerHalf(half, sum), halves[2 * k + 1] = hn::UpperHalf(half, sum);
+  }
+  return add_packed<count>(halves);
+}
+
 template <Kernel kernel, int channels>
 void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_RESTRICT weight, float* HWY_RESTRICT out) {
   constexpr int count = taps(kernel);
@@ -352,6 +407,11 @@ void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_REST
       prefetch(s.first[i], ahead);
       prefetch(s.first[i], ahead + pitch);
     }
+    if constexpr (channels == 3 && lanes == 8 && (3 * count + 7) / 8 < chunks) {
+      const auto four = sum_packed<kernel>(d, s, i);
+      hn::StoreU(hn::IfThenElse(hn::FirstN(d4, 3), four, hn::Set(d4, weight[i])), d4, out);
+      continue;
+    }
     V total = hn::Zero(d);
     for (int c = 0; c < chunks; ++c) {
       const float* HWY_RESTRICT from = s.first[i] + c * per_chunk * channels;
@@ -366,8 +426,10 @@ void sum_of(int n, const Windows& s, std::ptrdiff_t ahead, const float* HWY_REST
         across = hn::Set(d, s.wx[first / 4][4 * i + first % 4]);
       } else {
         // Four weights repeat along the vector, so that an index below 4 finds them from any lane.
-        static constexpr LaneTaps<channels> tables[3] = {LaneTaps<channels>(0), LaneTaps<channels>(per_chunk),
-                                                         LaneTaps<channels>(2 * per_chunk)};
+        static constexpr LaneTaps<channels> tables[4] = {LaneTaps<channels>(0), LaneTaps<channels>(per_chunk),
+                                                         LaneTaps<channels>(2 * per_chunk),
+                                                         LaneTaps<channels>(3 * per_chunk)};
+        static_assert(chunks <= 4);
         const auto index = hn::SetTableIndices(d, tables[c].index);
         const auto spread = [&](int four)
                                 HWY_ATTR { return hn::TableLookupLanes(hn::LoadDup128(d, s.wx[four] + 4 * i), index); };
@@ -396,6 +458,7 @@ void sum_of(Kernel kernel, int n, const Windows& windows, std::ptrdiff_t ahead, 
     case Kernel::bilinear: return sum_of<Kernel::bilinear, channels>(n, windows, ahead, weight, out);
     case Kernel::catmull_rom: return sum_of<Kernel::catmull_rom, channels>(n, windows, ahead, weight, out);
     case Kernel::band_limited: return sum_of<Kernel::band_limited, channels>(n, windows, ahead, weight, out);
+    case Kernel::band_limited_wide: return sum_of<Kernel::band_limited_wide, channels>(n, windows, ahead, weight, out);
     case Kernel::drooping: return sum_of<Kernel::drooping, channels>(n, windows, ahead, weight, out);
     case Kernel::lanczos3: return sum_of<Kernel::lanczos3, channels>(n, windows, ahead, weight, out);
   }

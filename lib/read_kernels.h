@@ -13,7 +13,7 @@
 namespace envconv {
 
 inline constexpr int most_faces = 64;
-inline constexpr int most_taps = 6;
+inline constexpr int most_taps = 7;
 inline constexpr int most_samples = 1104;  ///< of one batch
 inline constexpr int batch_room = most_samples + 16;
 

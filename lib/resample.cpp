@@ -14,10 +14,11 @@
 //   densely as the source's texels (grid_spacing), not the output's: 1, 5/4, 3/2 ... in a texel.  Every texel takes
 //   its own and some of its neighbours' with the weights of grid_quadrature(), whose sum is the integral of every wave
 //   that the source holds.  A sample counts by the density |dd/du x dd/dv| there; the sums of weights times density
-//   divide. They are read with Kernel::band_limited from prefiltered blocks; where a texel spans many of the source's,
-//   with Kernel::drooping from the source itself, which costs no prefilter, and the weights divide by what it loses.
-//   Where the map has a crease (an octahedron's edges, the diagonals of isocube's polar faces) weights that reach
-//   across it see waves that are none: texels near it are sampled once more, each for itself (find_creases).
+//   divide. They are read with Kernel::band_limited from prefiltered blocks (band_limited_wide when growing); where a
+//   texel spans many of the source's, with Kernel::drooping from the source itself, which costs no prefilter, and the
+//   weights divide by what it loses. Where the map has a crease (an octahedron's edges, the diagonals of isocube's
+//   polar faces) weights that reach across it see waves that are none: texels near it are sampled once more, each for
+//   itself (find_creases).
 // - Texel, elsewhere.  Gauss-Legendre nodes in each texel, twice as many a side at creases; never a negative weight.  A
 //   sample's weight is its quadrature weight times the density relative to that at the texel's centre, to first order:
 //   1 + g . offset.  The nodes lie symmetrically, so these weights still add up to 1.  At a disc's rim, to which tiles
@@ -71,11 +72,26 @@ std::uint64_t morton_code(int x, int y) {
   return spread(x) | spread(y) << 1;
 }
 
+// The filter that the options name, as it suits this pair of sizes.
+Filter filter_of(const EnvImage& source, const ResampleOptions& options) {
+  // Where texels are larger than the source's the mean over each takes away most of what the kernel did wrong.
+  constexpr double growing = 0.8;  // source texels per texel of the output
+  Filter filter = options.filter ? *options.filter : all_filters().front();
+  const auto texels = static_cast<double>(texel_count(*options.layout, options.height));
+  if (filter.kernel == Kernel::band_limited && static_cast<double>(source.texel_count()) < growing * texels)
+    filter.kernel = Kernel::band_limited_wide;
+  return filter;
+}
+
 class Resampler {
  public:
   // used_up: the source, when it may be written to, or nullptr.
-  Resampler(const EnvImage& source, EnvImage* used_up, const ResampleOptions& options, const Filter& filter)
-      : source_(source), used_up_(used_up), options_(options), filter_(filter), tables_(filter, options.samples) {
+  Resampler(const EnvImage& source, EnvImage* used_up, const ResampleOptions& options)
+      : source_(source),
+        used_up_(used_up),
+        options_(options),
+        filter_(filter_of(source, options)),
+        tables_(filter_, options.samples) {
     const Mat3 out_from_world = layout_from_world(*options.layout, options.consumer_from_world);
     source_from_out_ =
         layout_from_world(source) * (transpose(rotation_matrix(options.rotation)) * transpose(out_from_world));
@@ -246,7 +262,7 @@ class Resampler {
     mark_slivers(source, out);
     const bool sum = filter_.limited && source_.channels.count() <= 4;
     tile_sums_.assign(sum ? tiles_.size() * sphere_sums(out.channels.count()) : 0, 0.0);
-    const std::size_t most_blocks = SourceBlocks::worth_keeping(source_, block_memory);
+    const std::size_t most_blocks = SourceBlocks::worth_keeping(source_, filter_.kernel, block_memory);
     tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces(
         [&] { return std::make_unique<Workspace>(source, filter_.kernel, most_blocks); });
     std::atomic<std::size_t> done{0};
@@ -298,7 +314,7 @@ class Resampler {
   const EnvImage& source_;
   EnvImage* used_up_;
   const ResampleOptions& options_;
-  const Filter& filter_;
+  const Filter filter_;
   Mat3 source_from_out_;
   std::vector<Tile> tiles_;
   std::vector<std::uint32_t> order_;                     // in which tiles are taken up
@@ -317,9 +333,8 @@ Result<EnvImage> resampled(const EnvImage& source, EnvImage* used_up, const Resa
     return Error{ErrorCode::unsupported, "the source has no pixels"};
   if (!options.layout || options.height < 1) return Error{ErrorCode::usage, "no output layout or size"};
   if (options.height > tallest_face) return Error{ErrorCode::limit, "the output has too many texels"};
-  const Filter& filter = options.filter ? *options.filter : all_filters().front();
   try {
-    Resampler resampler(source, used_up, options, filter);
+    Resampler resampler(source, used_up, options);
     // More than there are cores gain nothing, and make TBB print.
     const int cores = tbb::info::default_concurrency();
     tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, cores) : cores);
@@ -346,8 +361,8 @@ Result<EnvImage> resample(EnvImage&& source, const ResampleOptions& options, Env
 std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& options, bool used_up) {
   const std::size_t out = static_cast<std::size_t>(texel_count(*options.layout, options.height)) *
                           static_cast<std::size_t>(source.channels.count()) * sizeof(float);
-  const Filter& filter = options.filter ? *options.filter : all_filters().front();
-  if (Resampler(source, nullptr, options, filter).is_copy()) return used_up ? 0 : out;
+  const Filter filter = filter_of(source, options);
+  if (Resampler(source, nullptr, options).is_copy()) return used_up ? 0 : out;
   // Strips around the faces, and a copy where pixels cannot be read in place.
   const int apron = apron_width(filter.kernel) + 8;
   const bool in_place = (source.channels.count() == 3 || source.channels.count() == 4) &&
@@ -357,14 +372,14 @@ std::size_t resample_bytes(const EnvImage& source, const ResampleOptions& option
     strips += static_cast<std::size_t>(face.width() + face.height()) * 4 * static_cast<std::size_t>(apron);
     copy += in_place ? 0 : face.pixel_count();
   }
-  const std::size_t blocks = filter.kernel == Kernel::band_limited
-                                 ? SourceBlocks::worth_keeping(source, block_memory) *
-                                       SourceBlocks::bytes(source.channels.count() == 3 ? 3 : 4)
+  const std::size_t blocks = is_prefiltered(filter.kernel)
+                                 ? SourceBlocks::worth_keeping(source, filter.kernel, block_memory) *
+                                       SourceBlocks::bytes(filter.kernel, source.channels.count() == 3 ? 3 : 4)
                                  : 0;
   const auto cores = static_cast<std::size_t>(std::max(1, tbb::info::default_concurrency()));
   const std::size_t threads = options.threads > 0 ? std::min(cores, static_cast<std::size_t>(options.threads)) : cores;
   // Of each thread, besides its blocks: rows of samples, and a view of the common size.
-  const std::size_t work = std::size_t{filter.kernel == Kernel::band_limited ? 2u : 1u} << 19;
+  const std::size_t work = std::size_t{is_prefiltered(filter.kernel) ? 2u : 1u} << 19;
   // Highlights, of which there may be more, and which texels are owned, where not all are.
   const std::size_t rest = (filter.limited ? source.texel_count() * Highlights::usual_bytes : 0) +
                            (source.layout->info().domain == Domain::square ? 0 : source.texel_count());

@@ -23,8 +23,8 @@ struct Sampler::State {
   // Four channels each, which stay where they are: blocks point at their sources.
   struct Group {
     Group(const EnvImage& image, int first, const Filter& filter)
-        : source(image, nullptr, first, filter), blocks(source, 0) {
-      if (filter.kernel == Kernel::band_limited) blocks.make_all();
+        : source(image, nullptr, first, filter), blocks(source, filter.kernel, 0) {
+      if (is_prefiltered(filter.kernel)) blocks.make_all();
     }
     Source source;
     SourceBlocks blocks;
@@ -55,7 +55,7 @@ Result<Sampler> Sampler::make(const EnvImage& source, const Filter& filter) {
     for (const Image& face : source.faces) pixels.faces.push_back(face.clone());
     for (int first = 0; first < state->channels; first += 4)
       state->groups.push_back(std::make_unique<State::Group>(pixels, first, filter));
-    if (filter.kernel == Kernel::band_limited) pixels.faces.clear();
+    if (is_prefiltered(filter.kernel)) pixels.faces.clear();
     state->thinnest = 1e30;
     for (int f = 0; f < source.layout->face_count(); ++f) {
       const Image& face = source.faces[static_cast<std::size_t>(f)];
@@ -95,7 +95,7 @@ void Sampler::radiance(Vec3 d, Vec3 du, Vec3 dv, float* out) const {
         std::fill_n(v, 16, static_cast<float>(at.v));
         float value[4];
         make_windows(source.maps(), state.filter.kernel, 1, face, u, v, w, windows);
-        if (state.filter.kernel == Kernel::band_limited)
+        if (is_prefiltered(state.filter.kernel))
           std::as_const(state.groups[g]->blocks).point(1, face, windows);
         else
           source.point(state.filter.kernel, 1, face, windows);

@@ -20,7 +20,7 @@ namespace envconv {
 
 int apron_width(Kernel kernel) {
   const int reach = taps(kernel) / 2 + 1;
-  return kernel == Kernel::band_limited ? SourceBlocks::margin + reach : std::max(reach, 4);
+  return is_prefiltered(kernel) ? prefilter_of(kernel).margin + reach : std::max(reach, 4);
 }
 
 Source::Source(const EnvImage& image, EnvImage* writable, int first_channel, const Filter& filter)

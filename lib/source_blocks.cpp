@@ -9,11 +9,16 @@
 namespace envconv {
 
 namespace {
-constexpr int abreast = 8;  // rows in prefilter_rows()
-}
 
-SourceBlocks::SourceBlocks(const Source& source, std::size_t most) : source_(&source), most_(most) {
-  static_assert(reach >= taps(Kernel::band_limited) / 2 + 1);
+constexpr int abreast = 8;  // rows in prefilter_rows()
+
+// Texels around a sample's that its window takes, and one more, for rounding.
+constexpr int reach_of(Kernel kernel) { return taps(kernel) / 2 + 1; }
+
+}  // namespace
+
+SourceBlocks::SourceBlocks(const Source& source, Kernel kernel, std::size_t most)
+    : source_(&source), kernel_(kernel), prefilter_(prefilter_of(kernel)), reach_(reach_of(kernel)), most_(most) {
   std::int32_t blocks = 0;
   for (const SourceFace& face : source.faces()) {
     const Grid grid{(face.size.width + side - 1) / side, (face.size.height + side - 1) / side, blocks};
@@ -24,20 +29,20 @@ SourceBlocks::SourceBlocks(const Source& source, std::size_t most) : source_(&so
   slots_.reserve(std::min<std::size_t>(most, slot_of_.size()));
 }
 
-std::size_t SourceBlocks::worth_keeping(const EnvImage& image, std::size_t memory) {
+std::size_t SourceBlocks::worth_keeping(const EnvImage& image, Kernel kernel, std::size_t memory) {
   std::size_t all = 0, across = 0;
   for (const Image& face : image.faces) {
     const auto columns = static_cast<std::size_t>((face.width() + side - 1) / side);
     all += columns * static_cast<std::size_t>((face.height() + side - 1) / side);
     across = std::max(across, columns);
   }
-  const std::size_t fit = memory / bytes(image.channels.count() == 3 ? 3 : 4);
+  const std::size_t fit = memory / bytes(kernel, image.channels.count() == 3 ? 3 : 4);
   return std::min(all, std::clamp<std::size_t>(across + across / 3, 8, std::max<std::size_t>(fit, 8)));
 }
 
-std::size_t SourceBlocks::bytes(int channels) {
-  constexpr std::size_t texels = (side + 2 * reach) * (side + 2 * reach + 2 * margin);
-  return texels * static_cast<std::size_t>(channels) * sizeof(float);
+std::size_t SourceBlocks::bytes(Kernel kernel, int channels) {
+  const int wide = side + 2 * reach_of(kernel), texels = wide * (wide + 2 * prefilter_of(kernel).margin);
+  return static_cast<std::size_t>(texels * channels) * sizeof(float);
 }
 
 // A sample on the very edge may be nearest to a texel of the apron: the block inside is wide enough for it.
@@ -76,16 +81,16 @@ void SourceBlocks::make(std::int32_t block, Slot& slot) {
   const int apron = source_->apron();
   const int column = (block - grid.first) % grid.across * side, row = (block - grid.first) / grid.across * side;
   slot.block = block;
-  filter(f, column + apron - reach, row + apron - reach, std::min(side, face.size.width - column) + 2 * reach,
-         std::min(side, face.size.height - row) + 2 * reach, slot);
+  filter(f, column + apron - reach_, row + apron - reach_, std::min(side, face.size.width - column) + 2 * reach_,
+         std::min(side, face.size.height - row) + 2 * reach_, slot);
 }
 
 // A rectangle of padded texels.
 void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot& slot) {
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(f)];
   const int channels = source_->channels();
-  const int wide = width + 2 * margin, high = height + 2 * margin;
-  const int x = left - margin, y = top - margin;
+  const int wide = width + 2 * prefilter_.margin, high = height + 2 * prefilter_.margin;
+  const int x = left - prefilter_.margin, y = top - prefilter_.margin;
   ENVCONV_ASSERT(x >= 0 && y >= 0 && x + wide <= face.columns && y + high <= face.rows);
   // Loads reach past a window, stores past a row.
   const std::size_t pitch = (static_cast<std::size_t>(width) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
@@ -93,7 +98,7 @@ void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot&
   if (slot.texels.size() < floats) slot.texels.assign(floats, 0.0f);
   slot.pitch = static_cast<std::ptrdiff_t>(pitch);
   slot.x = left, slot.y = top;
-  slot.first = margin * slot.pitch;
+  slot.first = prefilter_.margin * slot.pitch;
   const std::size_t row_floats = (static_cast<std::size_t>(wide) * static_cast<std::size_t>(channels) + 31) / 16 * 16;
   rows_.resize(std::max(rows_.size(), abreast * row_floats));
   work_.resize(std::max(work_.size(), static_cast<std::size_t>(wide) * 4 * abreast));
@@ -115,23 +120,22 @@ void SourceBlocks::filter(int f, int left, int top, int width, int height, Slot&
     for (int k = j + abreast; k < std::min(j + 2 * abreast, high); ++k)
       if (const float* next = source_->row_in_place(f, x, y + k, wide))
         for (int at = 0; at < wide * channels; at += 16) __builtin_prefetch(next + at, 0, 2);
-    prefilter_rows(channels, wide, margin, in, out, work_.data());
+    prefilter_rows(prefilter_, channels, wide, in, out, work_.data());
   }
-  prefilter_columns(width * channels, high, slot.pitch, slot.texels.data());
+  prefilter_columns(prefilter_, width * channels, high, slot.pitch, slot.texels.data());
 }
 
 void SourceBlocks::make_view() {
   const SourceView& view = *wanted_;
   // The windows of samples there, and a texel more: views are found at some of a tile's points only.
-  constexpr int around = taps(Kernel::band_limited) / 2 + 1;
   const SourceFace& face = source_->faces()[static_cast<std::size_t>(view.face)];
   const auto bounded = [&](double at, int texels) {
-    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), margin,
-                      texels - margin);
+    return std::clamp(static_cast<int>(std::clamp(std::floor(at), -1e6, 1e8)) + source_->apron(), prefilter_.margin,
+                      texels - prefilter_.margin);
   };
-  const int left = bounded(view.left - around, face.columns), right = bounded(view.right + around + 1, face.columns);
-  const int top = bounded(view.top - around, face.rows), bottom = bounded(view.bottom + around + 1, face.rows);
-  const auto texels = [](int from, int to) { return static_cast<std::int64_t>(to) - from + 2 * margin; };
+  const int left = bounded(view.left - reach_, face.columns), right = bounded(view.right + reach_ + 1, face.columns);
+  const int top = bounded(view.top - reach_, face.rows), bottom = bounded(view.bottom + reach_ + 1, face.rows);
+  const auto texels = [&](int from, int to) { return static_cast<std::int64_t>(to) - from + 2 * prefilter_.margin; };
   if (right > left && bottom > top && texels(left, right) * texels(top, bottom) <= largest_view) {
     view_.block = view.face;
     view_width_ = right - left, view_height_ = bottom - top;
@@ -148,7 +152,7 @@ void SourceBlocks::make_all() {
 // Neighbouring samples mostly lie in one block: `find` is asked only when one does not.
 template <class Find>
 void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Find& find) const {
-  const int channels = source_->channels(), apron = source_->apron(), before = taps_before(Kernel::band_limited);
+  const int channels = source_->channels(), apron = source_->apron(), before = taps_before(kernel_);
   // The samples whose nearest texels are [left, right) x [top, bottom) of a slot's.
   const auto field_of = [&](const Slot& slot, int left, int top, int right, int bottom) {
     return WindowField{slot.x + left,
@@ -170,7 +174,7 @@ void SourceBlocks::point_at(int n, const float* face, Windows& windows, const Fi
       continue;
     }
     const Slot& slot = find(block_of(static_cast<int>(face[i]), windows.x[i], windows.y[i]));
-    WindowField field = field_of(slot, reach, reach, reach + side, reach + side);
+    WindowField field = field_of(slot, reach_, reach_, reach_ + side, reach_ + side);
     // A sample on the very edge may be nearest to a texel of the apron.
     const SourceFace& f = source_->faces()[static_cast<std::size_t>(face[i])];
     if (field.right >= apron + f.size.width) field.right = apron + f.size.width + 1;

@@ -26,12 +26,9 @@ namespace envconv {
 /// Blocks of one source.  Not for several threads at once, unless all blocks were made before (make_all()).
 class SourceBlocks {
  public:
-  /// Texels that a recursion runs over before it is used: the larger pole to this power is 1.4e-3,
-  /// of what the row's beginning differs from a row that goes on like it.
-  static constexpr int margin = 12;
-
-  /// `source` must outlive the blocks.  At most `most` blocks are kept, or as many as one tile needs.
-  SourceBlocks(const Source& source, std::size_t most);
+  /// `source`, made for `kernel`, must outlive the blocks.  At most `most` blocks are kept, or as many as one tile
+  /// needs.
+  SourceBlocks(const Source& source, Kernel kernel, std::size_t most);
 
   /// Blocks that were read before may be replaced from now on.
   /// view: what the tile is about to read.
@@ -45,18 +42,18 @@ class SourceBlocks {
   /// Makes all blocks; point() then changes nothing.
   void make_all();
 
-  /// Points windows.first and .pitch at prefiltered texels, for windows of Kernel::band_limited.
+  /// Points windows.first and .pitch at prefiltered texels, for windows of the kernel.
   void point(int n, const float* face, Windows& windows);
   void point(int n, const float* face, Windows& windows) const;  ///< after make_all()
 
   /// Blocks that a thread profits from keeping: as many as a row of tiles crosses that meets every block of a face's
   /// row, as at a pole, and 8 at least, within so many bytes, and no more than there are.
-  static std::size_t worth_keeping(const EnvImage& image, std::size_t memory);
+  static std::size_t worth_keeping(const EnvImage& image, Kernel kernel, std::size_t memory);
   /// Bytes that one block takes.
-  static std::size_t bytes(int channels);
+  static std::size_t bytes(Kernel kernel, int channels);
 
  private:
-  static constexpr int side = 64, reach = 3;      // texels of a block, and beyond each of its sides
+  static constexpr int side = 64;                 // texels of a block
   static constexpr int largest_view = 320 * 320;  // texels; near poles, where blocks would be more; commonly a sixth
   struct Grid {
     int across = 0, down = 0;
@@ -79,6 +76,9 @@ class SourceBlocks {
   void point_at(int n, const float* face, Windows& windows, const Find& find) const;
 
   const Source* source_;
+  Kernel kernel_;
+  Prefilter prefilter_;
+  int reach_;  // texels beyond each of a block's sides
   std::size_t most_;
   std::vector<Grid> grids_;            // by face
   std::vector<std::int32_t> slot_of_;  // by block: slot, or -1

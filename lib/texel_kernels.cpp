@@ -21,8 +21,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // Both poles' recursions in one sweep, each y[n] = x[n] + p y[n-1].  Forth and back their gain at zero frequency is
 // 1 / ((1 - p1) (1 - p2))^2, which the last sweep makes up for.
-constexpr float pole1 = static_cast<float>(band_limited::poles[0]), pole2 = static_cast<float>(band_limited::poles[1]);
-constexpr float last_gain = (1 - pole1) * (1 - pole1) * (1 - pole2) * (1 - pole2);
+float last_gain(const Prefilter& f) { return (1 - f.pole1) * (1 - f.pole1) * (1 - f.pole2) * (1 - f.pole2); }
 
 using Sums = hn::CappedTag<float, 16>;
 constexpr int sum_lanes = static_cast<int>(hn::MaxLanes(Sums()));
@@ -52,9 +51,12 @@ HWY_INLINE void store_column(D d, hn::Vec<D> v, float* const* rows, std::ptrdiff
 }
 #endif
 
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8],
+void prefilter_rows(const Prefilter& filter, int channels, int width, const float* const in[8], float* const out[8],
                     float* HWY_RESTRICT work) {
+  const int skip = filter.margin;
+  const float pole1 = filter.pole1, pole2 = filter.pole2;
 #if HWY_TARGET == HWY_SCALAR
+  const float gain = last_gain(filter);
   for (int k = 0; k < 8; ++k)
     for (int c = 0; c < channels; ++c) {
       float y1 = in[k][(width - 1) * channels + c] / (1 - pole1), y2 = y1 / (1 - pole2);
@@ -66,14 +68,15 @@ void prefilter_rows(int channels, int width, int skip, const float* const in[8],
       for (int x = 0; x < width - skip; ++x) {
         y1 = work[x] + pole1 * y1;
         y2 = y1 + pole2 * y2;
-        if (x >= skip) out[k][(x - skip) * channels + c] = last_gain * y2;
+        if (x >= skip) out[k][(x - skip) * channels + c] = gain * y2;
       }
     }
 #else
   const Sums d;
   constexpr int rows = sum_lanes / 4;
   const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
-  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
+  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)),
+             gain = hn::Set(d, last_gain(filter));
   // Two vectors abreast: each waits for its own last step.
   for (int k = 0; k < 8; k += 2 * rows) {
     const float* from[2 * rows];
@@ -108,10 +111,12 @@ void prefilter_rows(int channels, int width, int skip, const float* const in[8],
 #endif
 }
 
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
+void prefilter_columns(const Prefilter& filter, int n, int rows, std::ptrdiff_t pitch, float* texels) {
   const Sums d;
+  const float pole1 = filter.pole1, pole2 = filter.pole2;
   const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
-  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)), gain = hn::Set(d, last_gain);
+  const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)),
+             gain = hn::Set(d, last_gain(filter));
   using V = hn::Vec<Sums>;
   constexpr int abreast = 4;  // vectors
   const auto sweeps = [&](float* from, int vectors) HWY_ATTR {
@@ -367,12 +372,13 @@ HWY_EXPORT(add_weighted);
 HWY_EXPORT(add_rows);
 HWY_EXPORT(value_range);
 
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work) {
-  HWY_DYNAMIC_DISPATCH(prefilter_rows)(channels, width, skip, in, out, work);
+void prefilter_rows(const Prefilter& filter, int channels, int width, const float* const in[8], float* const out[8],
+                    float* work) {
+  HWY_DYNAMIC_DISPATCH(prefilter_rows)(filter, channels, width, in, out, work);
 }
 
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels) {
-  HWY_DYNAMIC_DISPATCH(prefilter_columns)(n, rows, pitch, texels);
+void prefilter_columns(const Prefilter& filter, int n, int rows, std::ptrdiff_t pitch, float* texels) {
+  HWY_DYNAMIC_DISPATCH(prefilter_columns)(filter, n, rows, pitch, texels);
 }
 
 void add_weighted(int channels, int width, int height, const float* values, std::ptrdiff_t pitch, const double* weights,

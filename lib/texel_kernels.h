@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loops over texels as they lie in memory, compiled per SIMD target and dispatched at run time: the prefilter of
-// Kernel::band_limited, sums, ranges.
+// Loops over texels as they lie in memory, compiled per SIMD target and dispatched at run time: prefilters, sums,
+// ranges.
 #pragma once
 
 #include <cstddef>
 
+#include "filter.h"
+
 namespace envconv {
 
-/// Rows of texels through the prefilter's recursion: 8 rows (in[k] of `width` texels) to out[k], of which only texels
-/// [skip, width - skip) are written, from out[k] on, and up to 4 floats more.  work: room for width * 32 floats.
-void prefilter_rows(int channels, int width, int skip, const float* const in[8], float* const out[8], float* work);
+/// Rows of texels through the recursions of `filter`: 8 rows (in[k] of `width` texels) to out[k], of which only texels
+/// [filter.margin, width - filter.margin) are written, from out[k] on, and up to 4 floats more.  work: room for width *
+/// 32 floats.
+void prefilter_rows(const Prefilter& filter, int channels, int width, const float* const in[8], float* const out[8],
+                    float* work);
 
 /// Columns likewise, in place: `rows` rows of n floats, `pitch` floats apart; n rounded up to 16 are touched.
-void prefilter_columns(int n, int rows, std::ptrdiff_t pitch, float* texels);
+void prefilter_columns(const Prefilter& filter, int n, int rows, std::ptrdiff_t pitch, float* texels);
 
 /// Over a rectangle of texels: sums[c] += w v, sums[channels + c] += w |v|, sums[2 channels] += w, with values
 /// v[height][width][channels], `pitch` floats from row to row, and weights w[height][width] >= 0; what has no weight

@@ -106,7 +106,7 @@ void TileSampler::find_windows(Kernel kernel, Workspace& w, int count) const {
 }
 
 void TileSampler::point(Kernel kernel, Workspace& w, int count) const {
-  if (kernel == Kernel::band_limited)
+  if (is_prefiltered(kernel))
     w.blocks->point(count, w.face, w.windows);
   else
     source_.point(kernel, count, w.face, w.windows);
@@ -115,7 +115,7 @@ void TileSampler::point(Kernel kernel, Workspace& w, int count) const {
 // Brings what the windows point at into memory, where that is not done by reading it.
 void TileSampler::gather(Kernel kernel, Workspace& w, int count) const {
   const Image& image = image_.faces.front();
-  if (image.scratch() && kernel != Kernel::band_limited)
+  if (image.scratch() && !is_prefiltered(kernel))
     w.scattered.prepare(image, source_.channels(), kernel, count, w.windows);
 }
 
@@ -292,7 +292,7 @@ void TileSampler::first_pass(Workspace& w, const Tile& tile, std::unique_ptr<Til
 void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_plan, TexelMask& met) {
   if (rim_side(out_, tile) == RimSide::outside) return point_pass(w, tile, tile_plan, met);
   constexpr int least_part = 8;  // texels a side; a smaller grid takes more samples than texels do for themselves
-  const bool grid = filter_.kernel == Kernel::band_limited && tile_plan.smooth;
+  const bool grid = is_prefiltered(filter_.kernel) && tile_plan.smooth;
   // Only the parts that a disc's rim crosses go without a grid, and only those that need it take many samples.
   if (tile.width > least_part && tile.height > least_part &&
       ((!grid && !tile_plan.inside) || (grid && options_.samples == 0 && quarters_take_less(tile_plan, tile)))) {
@@ -311,7 +311,7 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
   // A crease has waves of two kinds, one on each side.
   const bool wide = tile_plan.least >= direct_ratio && !creased.any;
   const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
-                              on_grid(w, tile, tile_plan, creased.any, Kernel::band_limited, met));
+                              on_grid(w, tile, tile_plan, creased.any, filter_.kernel, met));
   if (!on_it) {
     if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside)
       return point_pass(w, tile, tile_plan, met);

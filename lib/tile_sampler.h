@@ -28,7 +28,7 @@ struct TileHighlights {
 /// What a thread needs for its tiles.
 struct Workspace {
   Workspace(const Source& source, Kernel kernel, std::size_t most_blocks) {
-    if (kernel == Kernel::band_limited) blocks.emplace(source, most_blocks);
+    if (is_prefiltered(kernel)) blocks.emplace(source, kernel, most_blocks);
   }
   std::optional<SourceBlocks> blocks;
   Windows windows;

@@ -34,6 +34,7 @@ set(tests
   mip_test
   packing_test
   pattern_test
+  quality_test
   recognize_test
   resample_test
   rim_texel_test
@@ -49,6 +50,10 @@ endforeach()
 foreach(test IN ITEMS discrepancy_test pattern_test)
   target_link_libraries(${test} PRIVATE TBB::tbb)  # chooses the number of threads
 endforeach()
+
+# Shares the benchmarks' signals, and paints in parallel.
+target_link_libraries(quality_test PRIVATE TBB::tbb)
+target_include_directories(quality_test PRIVATE tests)
 
 # Chooses SIMD targets, so it talks to Highway itself.
 envconv_test(simd_test LIBRARIES hwy::hwy)

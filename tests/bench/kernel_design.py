@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Where the numbers of Kernel::band_limited and Kernel::drooping come from (lib/filter.h); needs numpy.
+"""Where the numbers of Kernel::band_limited, ::band_limited_wide and ::drooping come from (lib/filter.h); needs numpy.
 
 A wave exp(iwx) that is sampled at whole x and read at fraction f through taps with weights c_j(f), after a prefilter
 1/D(w), becomes sum_j c_j(f) exp(iwj) / D(w); the truth is exp(iwf).  c_j are polynomials in f, symmetric, adding up to 1
@@ -15,26 +15,27 @@ linear as well; low frequencies hold M(w) = 1.
 """
 import numpy as np
 
-TAPS, POLES, DEGREE = 5, 2, 6
+POLES, DEGREE = 2, 6
 # The error that is wanted, in dB, over the frequency as a share of Nyquist's: low frequencies matter most in pictures.
-GOAL = ([0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0], [-108, -104, -100, -86, -72, -50, -27, -6])
+SHARES = [0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0]
+GOALS = {5: [-108, -104, -100, -86, -72, -50, -27, -6], 7: [-125, -122, -120, -110, -92, -62, -34, -6]}
 
 
-def design(frequencies=160, fractions=41, rounds=120, reweighted=60):
+def design(taps, frequencies=160, fractions=41, rounds=120, reweighted=60):
     w = np.linspace(0.004, 1, frequencies) * np.pi
     f = (np.arange(fractions) + 0.5) / fractions - 0.5
     W, F = np.meshgrid(w, f, indexing="ij")
-    goal = 10 ** (np.interp(w / np.pi, *GOAL) / 20)
+    goal = 10 ** (np.interp(w / np.pi, SHARES, GOALS[taps]) / 20)
     truth = np.exp(1j * W * F)
     columns, sums = [], []  # of the unknowns: what they add to the wave, and to the sum of the weights at f
     for p in range(0, DEGREE + 1, 2):  # the middle tap: even powers
         columns.append(F**p + 0j)
         sums.append(lambda x, p=p: x**p)
-    for j in range(1, TAPS // 2 + 1):  # tap j at f, tap -j at -f
+    for j in range(1, taps // 2 + 1):  # tap j at f, tap -j at -f
         for p in range(DEGREE + 1):
             columns.append(F**p * np.exp(1j * W * j) + (-F) ** p * np.exp(-1j * W * j))
             sums.append(lambda x, p=p: x**p + (-x) ** p)
-    taps = len(columns)
+    weights = len(columns)
     columns += [-truth * (np.cos(m * W) - 1) for m in range(1, POLES + 1)]
     A = np.stack(columns, -1)
     # Solutions whose weights add up to 1: a particular one and the null space.
@@ -49,7 +50,7 @@ def design(frequencies=160, fractions=41, rounds=120, reweighted=60):
         right = (truth * scale).reshape(-1)
         rows, right = np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag])
         x = particular + null @ np.linalg.lstsq(rows @ null, right - rows @ particular, rcond=1e-13)[0]
-        D = 1 + sum(d * (np.cos(m * W) - 1) for m, d in enumerate(x[taps:], 1))
+        D = 1 + sum(d * (np.cos(m * W) - 1) for m, d in enumerate(x[weights:], 1))
         error = np.sqrt((np.abs((A @ x - truth) / D) ** 2).mean(1))
         D = np.maximum(D, 0.003)
         excess = error / goal
@@ -57,7 +58,7 @@ def design(frequencies=160, fractions=41, rounds=120, reweighted=60):
             importance = np.clip(importance * (excess / excess.mean()) ** 0.35, 1e-4, 1e4)
         if excess.max() < best[0]:
             best = (excess.max(), x, error)
-    return w, best[1][:taps], best[1][taps:], best[2]
+    return w, best[1][:weights], best[1][weights:], best[2]
 
 
 FLAT, TOP = 0.2, 0.8  # of the drooping kernel: M = 1 up to there, and images are suppressed up to here
@@ -68,7 +69,7 @@ def basis(f, w):
     W, F = np.meshgrid(w, f, indexing="ij")
     waves = [F**p + 0j for p in range(0, DEGREE + 1, 2)]
     sums = [f**p for p in range(0, DEGREE + 1, 2)]
-    for j in range(1, TAPS // 2 + 1):
+    for j in (1, 2):
         for p in range(DEGREE + 1):
             waves.append(F**p * np.exp(1j * W * j) + (-F) ** p * np.exp(-1j * W * j))
             sums.append(f**p + (-f) ** p)
@@ -111,23 +112,27 @@ def poles(d):
     return roots[np.abs(roots) < 1]
 
 
+def print_weights(c):
+    first = DEGREE // 2 + 1
+    print("c0", c[:first])
+    for j, at in enumerate(range(first, len(c), DEGREE + 1), 1):
+        print(f"c{j}", c[at : at + DEGREE + 1])
+
+
 if __name__ == "__main__":
     np.set_printoptions(precision=10, linewidth=120)
-    w, c, d, error = design()
-    even = DEGREE // 2 + 1
-    print("band_limited")
-    print("c0", c[:even])
-    print("c1", c[even:even + DEGREE + 1])
-    print("c2", c[even + DEGREE + 1:])
-    print("poles", poles(d))
-    for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
-        print(f"error at {share:.1f} of Nyquist's frequency: {20 * np.log10(np.interp(share * np.pi, w, error)):.1f} dB")
+    for taps, name in ((5, "band_limited"), (7, "band_limited_wide")):
+        w, c, d, error = design(taps)
+        print(name)
+        print_weights(c)
+        print("poles", poles(d))
+        for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+            decibels = 20 * np.log10(np.interp(share * np.pi, w, error))
+            print(f"error at {share:.1f} of Nyquist's frequency: {decibels:.1f} dB")
 
     w, c, height, images = design_drooping()
     print("drooping")
-    print("c0", c[:even])
-    print("c1", c[even : even + DEGREE + 1])
-    print("c2", c[even + DEGREE + 1 :])
+    print_weights(c)
     for share in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
         at = share * np.pi
         print(f"at {share:.2f}: M {np.interp(at, w, height):.5f}, images {20 * np.log10(np.interp(at, w, images)):.1f} dB")
