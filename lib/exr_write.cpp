@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writing OpenEXR files: scan lines, parts, and tiles with MIP levels.
+#include <IexErrnoExc.h>
 #include <ImfChannelList.h>
 #include <ImfEnvmap.h>
 #include <ImfFrameBuffer.h>
@@ -307,6 +308,8 @@ Result<Ok> write_exr(OutputFile& file, std::span<const std::vector<Picture>> lev
     }
     counts.add_to(report);
   } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::limit, "not enough memory to write it"};
+  } catch (const Iex::EnomemExc&) {  // OpenEXR's word for what a stream in memory lacked, which swallows bad_alloc
     return Error{ErrorCode::limit, "not enough memory to write it"};
   } catch (const std::exception& error) {
     return exr_failure(ErrorCode::output, "", error);
