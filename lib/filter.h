@@ -40,9 +40,9 @@ constexpr int taps_before(Kernel kernel) { return (taps(kernel) - 1) / 2; }
 /// for every f.  The texels go through 1/D(w), D = prod (1 - 2 p cos w + p^2) / (1 - p)^2 over two poles p, before.
 ///
 /// Kernel and prefilter come from one weighted least-squares fit to exp(iwx) over [0, pi] and all f (Sanathanan and
-/// Koerner's iteration for D, Lawson's for the weights): tests/bench/kernel_design.py.  The worst error of a wave of
-/// 0.2, 0.4, 0.6, 0.7, 0.8 of the Nyquist frequency is -85, -71, -56, -49, -34 dB; OMOMS' cubic has -81, -55, -33, -24,
-/// -15.
+/// Koerner's iteration for D, Lawson's for the weights): tests/bench/kernel_design.py.  The error of a wave (rms over
+/// f) of 0.2, 0.4, 0.6, 0.7, 0.8 of the Nyquist frequency is -85, -71, -56, -49, -34 dB; OMOMS' cubic has -81, -55,
+/// -33, -24, -15.
 namespace band_limited {
 inline constexpr float c0[4] = {0.4941882483f, -0.3532700389f, 0.1405218391f, -0.0170824945f};
 inline constexpr float c1[7] = {0.2369767094f,  0.3633914404f, 0.0688076557f, -0.1510810387f,
@@ -53,7 +53,7 @@ inline constexpr double poles[2] = {-0.5773157318, -0.0800810538};
 }  // namespace band_limited
 
 /// Kernel::band_limited_wide, likewise, with taps at -3 .. 3: twice the work, and errors of -107, -99, -86, -62, -49 dB
-/// there.  It serves outputs finer than their source, whose texels' means keep all that a kernel adds.
+/// there.  It serves outputs finer than their source: means over texels so small leave a kernel's errors as they are.
 namespace band_limited_wide {
 inline constexpr float c0[4] = {0.4435351517f, -0.2554902314f, 0.0695320888f, -0.0127605946f};
 inline constexpr float c1[7] = {0.2454545777f,  0.2984546029f, 0.0152515878f, -0.1099538986f,

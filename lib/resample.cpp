@@ -74,7 +74,7 @@ std::uint64_t morton_code(int x, int y) {
 
 // The filter that the options name, as it suits this pair of sizes.
 Filter filter_of(const EnvImage& source, const ResampleOptions& options) {
-  // Where texels are larger than the source's the mean over each takes away most of what the kernel did wrong.
+  // Means over texels larger than the source's take away most of a kernel's errors; a finer output keeps them.
   constexpr double growing = 0.8;  // source texels per texel of the output
   Filter filter = options.filter ? *options.filter : all_filters().front();
   const auto texels = static_cast<double>(texel_count(*options.layout, options.height));
