@@ -77,36 +77,41 @@ void prefilter_rows(const Prefilter& filter, int channels, int width, const floa
   const auto p1 = hn::Set(d, pole1), p2 = hn::Set(d, pole2);
   const auto start1 = hn::Set(d, 1 / (1 - pole1)), start2 = hn::Set(d, 1 / (1 - pole2)),
              gain = hn::Set(d, last_gain(filter));
-  // Two vectors abreast: each waits for its own last step.
-  for (int k = 0; k < 8; k += 2 * rows) {
-    const float* from[2 * rows];
-    float* to[2 * rows];
-    std::copy_n(in + k, 2 * rows, from);
-    std::copy_n(out + k, 2 * rows, to);
-    const std::ptrdiff_t end = static_cast<std::ptrdiff_t>(width - 1) * channels;
-    auto a1 = hn::Mul(start1, load_column(d, from, end)), b1 = hn::Mul(start1, load_column(d, from + rows, end));
-    auto a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
-    for (int x = width - 1; x >= 0; --x) {
-      a1 = hn::MulAdd(p1, a1, load_column(d, from, x * channels));
-      b1 = hn::MulAdd(p1, b1, load_column(d, from + rows, x * channels));
-      a2 = hn::MulAdd(p2, a2, a1);
-      b2 = hn::MulAdd(p2, b2, b1);
-      hn::StoreU(a2, d, work + 2 * sum_lanes * x);
-      hn::StoreU(b2, d, work + 2 * sum_lanes * x + sum_lanes);
+  // Several vectors abreast: each waits for its own last step.
+  constexpr int abreast = std::min(4, 8 / rows);
+  using V = hn::Vec<Sums>;
+  for (int k = 0; k < 8; k += abreast * rows) {
+    const float* from[abreast * rows];
+    float* to[abreast * rows];
+    std::copy_n(in + k, abreast * rows, from);
+    std::copy_n(out + k, abreast * rows, to);
+    V y1[abreast], y2[abreast];
+    for (int i = 0; i < abreast; ++i) {
+      y1[i] = hn::Mul(start1, load_column(d, from + i * rows, static_cast<std::ptrdiff_t>(width - 1) * channels));
+      y2[i] = hn::Mul(start2, y1[i]);
     }
-    a1 = hn::Mul(start1, a2), b1 = hn::Mul(start1, b2);
-    a2 = hn::Mul(start2, a1), b2 = hn::Mul(start2, b1);
-    for (int x = 0; x < width - skip; ++x) {
-      a1 = hn::MulAdd(p1, a1, hn::LoadU(d, work + 2 * sum_lanes * x));
-      b1 = hn::MulAdd(p1, b1, hn::LoadU(d, work + 2 * sum_lanes * x + sum_lanes));
-      a2 = hn::MulAdd(p2, a2, a1);
-      b2 = hn::MulAdd(p2, b2, b1);
-      if (x < skip) continue;
-      // In rising order: a texel of three channels overwrites the fourth float of the one before.
-      const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(x - skip) * channels;
-      store_column(d, hn::Mul(gain, a2), to, at);
-      store_column(d, hn::Mul(gain, b2), to + rows, at);
+    for (int x = width - 1; x >= 0; --x)
+      for (int i = 0; i < abreast; ++i) {
+        y1[i] = hn::MulAdd(p1, y1[i], load_column(d, from + i * rows, static_cast<std::ptrdiff_t>(x) * channels));
+        y2[i] = hn::MulAdd(p2, y2[i], y1[i]);
+        hn::StoreU(y2[i], d, work + (abreast * x + i) * sum_lanes);
+      }
+    for (int i = 0; i < abreast; ++i) {
+      y1[i] = hn::Mul(start1, y2[i]);
+      y2[i] = hn::Mul(start2, y1[i]);
     }
+    const auto back = [&](int x, int i) HWY_ATTR {
+      y1[i] = hn::MulAdd(p1, y1[i], hn::LoadU(d, work + (abreast * x + i) * sum_lanes));
+      y2[i] = hn::MulAdd(p2, y2[i], y1[i]);
+    };
+    for (int x = 0; x < skip; ++x)
+      for (int i = 0; i < abreast; ++i) back(x, i);
+    // In rising order: a texel of three channels overwrites the fourth float of the one before.
+    for (int x = skip; x < width - skip; ++x)
+      for (int i = 0; i < abreast; ++i) {
+        back(x, i);
+        store_column(d, hn::Mul(gain, y2[i]), to + i * rows, static_cast<std::ptrdiff_t>(x - skip) * channels);
+      }
   }
 #endif
 }
