@@ -10,19 +10,22 @@ namespace envconv {
 namespace {
 
 constexpr int reach = static_cast<int>(grid_reach);
-constexpr int fine = 2, coarse = 8;                                     // texels from point to point
-constexpr int most_points = (largest_tile + 2 * reach) / fine + 1 + 3;  // a side
+constexpr int fine = 2, coarse = 8;  // texels from point to point
+constexpr int beyond = 5;            // points before and after that a jump is judged by
+constexpr int most_points = (largest_tile + 2 * reach) / fine + 1 + 2 * beyond;  // a side
 constexpr int room = most_points * most_points + static_cast<int>(batch_padding);
 
-// Directions at a lattice of points, `step` texels apart, over the tile, what a grid's weights reach and a point more.
+// Directions at a lattice of points, `step` texels apart, over the tile, what a grid's weights reach and some points
+// more.
 class Lattice {
  public:
   Lattice(const EnvImage& out, const Tile& tile, int step) {
     const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
-    across_ = (tile.width + 2 * reach + step - 1) / step + 3, down_ = (tile.height + 2 * reach + step - 1) / step + 3;
+    const auto points = [&](int texels) { return (texels + 2 * reach + step - 1) / step + 1 + 2 * beyond; };
+    across_ = points(tile.width), down_ = points(tile.height);
     ENVCONV_ASSERT(across_ <= most_points && down_ <= most_points);
     const int n = across_ * down_, padded = (n + 15) / 16 * 16;
-    const auto place = [&](int k) { return -0.5 - reach + (k - 1) * step; };  // from the tile's first texel
+    const auto place = [&](int k) { return -0.5 - reach + (k - beyond) * step; };  // from the tile's first texel
     for (int j = 0, at = 0; j < down_; ++j)
       for (int i = 0; i < across_; ++i, ++at) {
         u_[at] = static_cast<float>(u_from_texel(tile.x0 + place(i), face.width(), out.placement));
@@ -32,29 +35,34 @@ class Lattice {
     out.layout->directions(tile.face, static_cast<std::size_t>(padded), u_, v_, x_, y_, z_);
   }
 
-  // Calls visit(i, j) at points about which derivatives jump along a row or a column: the change of the steps' length
-  // and direction there is much larger than elsewhere in that line.
+  // Calls visit(i, j) at points about which derivatives jump along a row or a column: the step from point to point
+  // changes there by something that it does not change by two points before and after.  What smooth maps change by
+  // cancels to fourth order.
   template <class Visit>
   void for_each_jump(const Visit& visit) const {
-    float change[most_points], sorted[most_points];
+    constexpr float share = 0.01f;     // of a step
+    constexpr float rounding = 1e-6f;  // of directions, so often added up
+    float cx[most_points], cy[most_points], cz[most_points], jump[most_points];
     const auto line = [&](int first, int stride, int n, const auto& report) {
       float longest = 0;
       for (int k = 1; k + 1 < n; ++k) {
         const int at = first + k * stride, before = at - stride, after = at + stride;
         const float ax = x_[at] - x_[before], ay = y_[at] - y_[before], az = z_[at] - z_[before];
-        const float bx = x_[after] - x_[at], by = y_[after] - y_[at], bz = z_[after] - z_[at];
-        const float cx = bx - ax, cy = by - ay, cz = bz - az;
-        change[k] = std::sqrt(cx * cx + cy * cy + cz * cz);
+        cx[k] = x_[after] - x_[at] - ax, cy[k] = y_[after] - y_[at] - ay, cz[k] = z_[after] - z_[at] - az;
         longest = std::max(longest, ax * ax + ay * ay + az * az);
       }
-      std::copy(change + 1, change + n - 1, sorted);
-      std::nth_element(sorted, sorted + (n - 2) / 2, sorted + n - 2);
-      const float limit = 3 * sorted[(n - 2) / 2] + 0.05f * std::sqrt(longest);
-      for (int k = 1; k + 1 < n; ++k)
-        if (!(change[k] <= limit)) report(k);
+      for (int k = 3; k + 3 < n; ++k) {
+        const float x = cx[k] - 0.5f * (cx[k - 2] + cx[k + 2]), y = cy[k] - 0.5f * (cy[k - 2] + cy[k + 2]),
+                    z = cz[k] - 0.5f * (cz[k - 2] + cz[k + 2]);
+        jump[k] = std::sqrt(x * x + y * y + z * z);
+      }
+      const float limit = share * std::sqrt(longest) + rounding;
+      // Half of a jump is also seen two points from it.
+      for (int k = beyond; k + beyond < n; ++k)
+        if (!(jump[k] <= std::max(limit, 0.6f * std::max(jump[k - 2], jump[k + 2])))) report(k);
     };
-    for (int j = 1; j + 1 < down_; ++j) line(j * across_, 1, across_, [&](int k) { visit(k, j); });
-    for (int i = 1; i + 1 < across_; ++i) line(i, across_, down_, [&](int k) { visit(i, k); });
+    for (int j = beyond; j + beyond < down_; ++j) line(j * across_, 1, across_, [&](int k) { visit(k, j); });
+    for (int i = beyond; i + beyond < across_; ++i) line(i, across_, down_, [&](int k) { visit(i, k); });
   }
 
   bool any() const {
@@ -70,15 +78,18 @@ class Lattice {
 
 }  // namespace
 
-TexelMask find_creases(const EnvImage& out, const Tile& tile) {
-  TexelMask creased;
-  if (!Lattice(out, tile, std::min(coarse, std::max(fine, tile.width / 4))).any()) return creased;
+Creases find_creases(const EnvImage& out, const Tile& tile) {
+  Creases creases;
+  if (!Lattice(out, tile, std::min(coarse, std::max(fine, tile.width / 4))).any()) return creases;
   Lattice(out, tile, fine).for_each_jump([&](int i, int j) {
-    // The crease passes within a step of the point.
-    const int x = (i - 1) * fine - reach, y = (j - 1) * fine - reach, around = fine + reach;
-    creased.add(x - around, y - around, x + around, y + around, tile);
+    // The crease passes within half a step of the point, or between it and the next one, which is visited too.
+    const int x = (i - beyond) * fine - reach, y = (j - beyond) * fine - reach;
+    const auto add = [&](int around, TexelMask& mask) {
+      mask.add(x - around, y - around, x + around, y + around, tile);
+    };
+    add(fine / 2, creases.across), add(fine + reach, creases.near);
   });
-  return creased;
+  return creases;
 }
 
 }  // namespace envconv

@@ -7,9 +7,12 @@
 
 namespace envconv {
 
-/// Texels of a tile, inside the layout's domain, within `grid_reach` of a crease: across it waves of the source are
-/// none. A crease is seen where the derivatives jump by about a tenth and more of themselves: where it is flatter, near
-/// some creases' ends or middles, a grid does no harm.
-TexelMask find_creases(const EnvImage& out, const Tile& tile);
+/// Texels of a tile, inside the layout's domain, and creases: lines where derivatives jump by a hundredth and
+/// more of themselves.
+struct Creases {
+  TexelMask near;    ///< within `grid_reach` of one: weights that reach across it see waves that are none
+  TexelMask across;  ///< on one, or next to one that is; all of them are near
+};
+Creases find_creases(const EnvImage& out, const Tile& tile);
 
 }  // namespace envconv

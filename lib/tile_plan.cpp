@@ -217,6 +217,25 @@ void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, in
   }
 }
 
+void creased_slopes(const EnvImage& out, const Tile& tile, int j, int begin, int end, float* __restrict gx,
+                    float* __restrict gy) {
+  constexpr double aside = 0.29;  // texels: about where two nodes lie
+  const Image& face = out.faces[static_cast<std::size_t>(tile.face)];
+  for (int i = begin; i < end; ++i) {
+    const auto density = [&](double dx, double dy) {
+      return out.layout->density(tile.face, u_from_texel(tile.x0 + i + dx, face.width(), out.placement),
+                                 u_from_texel(tile.y0 + j + dy, face.height(), out.placement));
+    };
+    const double left = density(-aside, 0), right = density(aside, 0), top = density(0, -aside),
+                 bottom = density(0, aside);
+    const auto slope = [&](double before, double after) {
+      const double g = (after - before) / (aside * (before + after));
+      return std::isfinite(g) ? static_cast<float>(std::clamp(g, -2.0, 2.0)) : 0.0f;
+    };
+    gx[i] = slope(left, right), gy[i] = slope(top, bottom);
+  }
+}
+
 RimSamples rim_samples(const EnvImage& source, const EnvImage& out, const Mat3& source_from_out, const Filter& filter,
                        int face, int x, int y) {
   const Image& pixels = out.faces[static_cast<std::size_t>(face)];

@@ -32,6 +32,11 @@ struct TexelMask {
     for (int j = 0; j < largest_tile; ++j) rows[j] |= other.rows[j];
     any = any || other.any;
   }
+  TexelMask without(const TexelMask& other) const {
+    TexelMask rest;
+    for (int j = 0; j < largest_tile; ++j) rest.any = (rest.rows[j] = rows[j] & ~other.rows[j]) != 0 || rest.any;
+    return rest;
+  }
 };
 
 /// Where a tile looks: a rectangle of a face of the source, in its texels, that may reach beyond it.  No face: at
@@ -57,10 +62,11 @@ struct TilePlan {
   double least = 1e30;  ///< source texels that a texel is wide where it is narrowest
   /// A wave of one texel along u, and along v: the waves that it is along the source's texels and across, on average.
   SourceWave wave_u, wave_v;
-  SourceView view;      ///< from the tile's edges and its middle
-  int ku = 1, kv = 1;   ///< samples a side of each texel, where texels are sampled apart
-  bool inside = true;   ///< in the layout's domain, and so are the texels around that a grid's weights reach
-  bool smooth = false;  ///< inside, and the density varies little enough to be sampled on a grid
+  SourceView view;       ///< from the tile's edges and its middle
+  int ku = 1, kv = 1;    ///< samples a side of each texel, where texels are sampled apart
+  bool inside = true;    ///< in the layout's domain, and so are the texels around that a grid's weights reach
+  bool smooth = false;   ///< inside, and the density varies little enough to be sampled on a grid
+  bool creased = false;  ///< whether the density bends between the nodes
 };
 
 /// source_from_out: the output layout's axes to the source layout's.
@@ -75,6 +81,9 @@ void creased_densities(const TilePlan& plan, const Tile& tile, double x, double 
 /// plan's nodes.  A centre on a singular point has no slope to speak of; elsewhere |slope| <= 2, its value next to a
 /// pole.
 void density_slopes(const TilePlan& plan, const Tile& tile, int j, int begin, int end, float* gx, float* gy);
+/// The same from the density at either side of each texel's centre, for texels near creases, between whose tile's nodes
+/// it bends.
+void creased_slopes(const EnvImage& out, const Tile& tile, int j, int begin, int end, float* gx, float* gy);
 
 /// What a texel at the rim of a disc is sampled by.
 struct RimSamples {

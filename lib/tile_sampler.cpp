@@ -307,20 +307,28 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
       }
     return;
   }
-  const TexelMask creased = grid ? find_creases(out_, tile) : TexelMask{};
+  const Creases creases = grid ? find_creases(out_, tile) : Creases{};
+  const bool creased = creases.near.any;
   // A crease has waves of two kinds, one on each side.
-  const bool wide = tile_plan.least >= direct_ratio && !creased.any;
+  const bool wide = tile_plan.least >= direct_ratio && !creased;
   const bool on_it = grid && ((wide && on_grid(w, tile, tile_plan, false, Kernel::drooping, met)) ||
-                              on_grid(w, tile, tile_plan, creased.any, filter_.kernel, met));
+                              on_grid(w, tile, tile_plan, creased, filter_.kernel, met));
   if (!on_it) {
     if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside)
       return point_pass(w, tile, tile_plan, met);
     texel_pass(w, tile, tile_plan, nullptr, met);
   }
-  if (!creased.any) return;
+  if (!creased) return;
   TilePlan dense = tile_plan;
-  if (options_.samples == 0) dense.ku *= 2, dense.kv *= 2;  // a quadrature sees a crease late
-  texel_pass(w, tile, dense, &creased, met);
+  dense.creased = !out_.layout->info().equal_area;
+  const auto with_nodes = [&](int least) {
+    if (options_.samples == 0) dense.ku = std::max(tile_plan.ku, least), dense.kv = std::max(tile_plan.kv, least);
+    return dense;
+  };
+  // Three nodes see a wave of two texels to -69 dB, but a crease late.
+  const TexelMask beside = creases.near.without(creases.across);
+  texel_pass(w, tile, with_nodes(3), &beside, met);
+  texel_pass(w, tile, with_nodes(std::max(8, 2 * std::max(tile_plan.ku, tile_plan.kv))), &creases.across, met);
 }
 
 bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel,

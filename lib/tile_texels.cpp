@@ -34,7 +34,10 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
   const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
   const int n = run.end - run.begin, x0 = tile.x0 + run.begin;
   alignas(64) float slopes_x[largest_tile], slopes_y[largest_tile];  // relative change of the density per texel
-  density_slopes(plan, tile, j, run.begin, run.end, slopes_x, slopes_y);
+  if (plan.creased)
+    creased_slopes(out_, tile, j, run.begin, run.end, slopes_x, slopes_y);
+  else
+    density_slopes(plan, tile, j, run.begin, run.end, slopes_x, slopes_y);
   float *gx = slopes_x + run.begin, *gy = slopes_y + run.begin, *total = w.total + run.begin;
   bool cut[largest_tile], outside[largest_tile], any_cut = false;
   for (int i = 0; i < n; ++i) {
@@ -68,56 +71,45 @@ void TileSampler::sample_row(Kernel kernel, const Tile& tile, const TilePlan& pl
       if (outside[i]) gx[i] = gy[i] = 0;
     }
   }
-  const int per_call = std::max(1, most_samples / n);
-  if (map) std::fill_n(w.face, std::min(per_call, qu.count()) * n, static_cast<float>(map->face()));
-  for (int m = 0; m < qv.count(); ++m) {
-    const double offset_y = qv.offset[static_cast<std::size_t>(m)];
-    const float v = static_cast<float>(u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement));
-    RowMap along;
-    if (map) along = map->row(tile_variable(j + 0.5 + offset_y, tile.height));
-    for (int k0 = 0; k0 < qu.count(); k0 += per_call) {
-      const int columns = std::min(per_call, qu.count() - k0);
-      const int count = columns * n;
-      int s = 0;
-      for (int k = k0; k < k0 + columns; ++k) {
-        const double offset_x = qu.offset[static_cast<std::size_t>(k)];
-        const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
-        // u is affine in the texel's index.
-        const double first = u_from_texel(x0 + offset_x, face.width(), out_.placement);
-        const double step = texel_extent(face.width(), out_.placement);
-        const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
-        float* __restrict us = w.u + s;
-        float* __restrict ws = w.weight + s;
-        for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
-        if (map) {
-          make_windows_along(along, kernel, static_cast<float>(tile_variable(run.begin + 0.5 + offset_x, tile.width)),
-                             4.0f / static_cast<float>(tile.width), s, n, w.weight, w.windows);
-          s += n;
-          continue;
-        }
-        for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
-        std::fill_n(w.v + s, n, v);
-        s += n;
-        if (!any_cut) continue;
-        for (int i = 0; i < n; ++i) {
-          if (!cut[i]) continue;
-          double a, b;
-          centred(i, k, offset_y, a, b);
-          const double r = std::sqrt(a * a + b * b);
-          if (r <= 1) continue;
-          const int at = s - n + i;
-          if (!outside[i]) w.weight[at] = 0;
-          w.u[at] = static_cast<float>(0.5 + 0.5 * a / r * (1 - 1e-6));
-          w.v[at] = static_cast<float>(0.5 + 0.5 * b / r * (1 - 1e-6));
-        }
-      }
+  // Nodes in turn, as many texels' rows of them at once as keep a batch's windows in the nearest cache.
+  constexpr int batch = 256;
+  static_assert(batch >= largest_tile && batch <= most_samples);
+  const int nodes = qu.count() * qv.count(), per_call = std::min(nodes, batch / n);
+  if (map) std::fill_n(w.face, per_call * n, static_cast<float>(map->face()));
+  for (int first_node = 0; first_node < nodes; first_node += per_call) {
+    const int end_node = std::min(first_node + per_call, nodes), count = (end_node - first_node) * n;
+    for (int node = first_node, s = 0; node < end_node; ++node, s += n) {
+      const int k = node % qu.count(), m = node / qu.count();
+      const double offset_x = qu.offset[static_cast<std::size_t>(k)], offset_y = qv.offset[static_cast<std::size_t>(m)];
+      const double q = qu.weight[static_cast<std::size_t>(k)] * qv.weight[static_cast<std::size_t>(m)];
+      const float ox = static_cast<float>(offset_x), oy = static_cast<float>(offset_y), qf = static_cast<float>(q);
+      float* __restrict us = w.u + s;
+      float* __restrict ws = w.weight + s;
+      for (int i = 0; i < n; ++i) ws[i] = qf * std::max(0.0f, 1.0f + gx[i] * ox + gy[i] * oy);
       if (map) {
-        visit(count);
+        make_windows_along(map->row(tile_variable(j + 0.5 + offset_y, tile.height)), kernel,
+                           static_cast<float>(tile_variable(run.begin + 0.5 + offset_x, tile.width)),
+                           4.0f / static_cast<float>(tile.width), s, n, w.weight, w.windows);
         continue;
       }
-      find_batch(kernel, tile, w, count);
-      visit(count);
+      // u is affine in the texel's index.
+      const double first = u_from_texel(x0 + offset_x, face.width(), out_.placement);
+      const double step = texel_extent(face.width(), out_.placement);
+      for (int i = 0; i < n; ++i) us[i] = static_cast<float>(first + i * step);
+      std::fill_n(w.v + s, n, static_cast<float>(u_from_texel(tile.y0 + j + offset_y, face.height(), out_.placement)));
+      for (int i = 0; any_cut && i < n; ++i) {
+        if (!cut[i]) continue;
+        double a, b;
+        centred(i, k, offset_y, a, b);
+        const double r = std::sqrt(a * a + b * b);
+        if (r <= 1) continue;
+        if (!outside[i]) ws[i] = 0;
+        us[i] = static_cast<float>(0.5 + 0.5 * a / r * (1 - 1e-6));
+        w.v[s + i] = static_cast<float>(0.5 + 0.5 * b / r * (1 - 1e-6));
+      }
     }
+    if (!map) find_batch(kernel, tile, w, count);
+    visit(count);
   }
 }
 

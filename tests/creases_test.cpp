@@ -26,7 +26,7 @@ EnvImage of(const Layout& layout) {
   return image;
 }
 
-// visit(face, x, y, creased) for all texels.
+// visit(face, x, y, near, across) for all texels.
 template <class Visit>
 void for_each_texel(std::string_view name, const Visit& visit) {
   const EnvImage image = of(*find_layout(name));
@@ -35,34 +35,38 @@ void for_each_texel(std::string_view name, const Visit& visit) {
     for (int y = 0; y < face.height(); y += side)
       for (int x = 0; x < face.width(); x += side) {
         const Tile tile{f, x, y, std::min(side, face.width() - x), std::min(side, face.height() - y)};
-        const TexelMask creased = find_creases(image, tile);
-        bool any = false;
+        const Creases creases = find_creases(image, tile);
+        bool any_near = false, any_across = false;
         for (int j = 0; j < tile.height; ++j)
           for (int i = 0; i < tile.width; ++i) {
-            any = any || creased.holds(i, j);
-            visit(f, x + i, y + j, creased.holds(i, j));
+            const bool near = creases.near.holds(i, j), across = creases.across.holds(i, j);
+            EXPECT_TRUE(near || !across);
+            any_near = any_near || near, any_across = any_across || across;
+            visit(f, x + i, y + j, near, across);
           }
-        EXPECT_EQ(creased.any, any);
+        EXPECT_EQ(creases.near.any, any_near);
+        EXPECT_EQ(creases.across.any, any_across);
       }
   }
 }
 
 // How far a window about the texel must reach, in texels, to meet one of the lines; x and y from the face's middle.
 using Distance = double (*)(double x, double y);
-// About points where a crease ends, or is too flat to matter.
+// About points where a crease ends, or is flat.
 using Flat = bool (*)(double x, double y);
 
 bool is_near(double x, double y, double to_x, double to_y) {
-  return std::max(std::abs(x - to_x), std::abs(y - to_y)) < size / 12.0;
+  return std::max(std::abs(x - to_x), std::abs(y - to_y)) < size / 48.0;
 }
 
 void expect_creases_at(std::string_view name, std::span<const int> faces, Distance distance, Flat flat) {
-  for_each_texel(name, [&](int face, int x, int y, bool creased) {
+  for_each_texel(name, [&](int face, int x, int y, bool near, bool across) {
     const double a = std::abs(x + 0.5 - size / 2.0), b = std::abs(y + 0.5 - size / 2.0);
     if (flat(a, b)) return;
     const double away = std::ranges::find(faces, face) == faces.end() ? size : distance(a, b);
-    if (away > grid_reach - 1 && away <= grid_reach + 5) return;
-    EXPECT_EQ(creased, away < grid_reach) << name << " face " << face << " at " << x << ", " << y;
+    const bool unclear = away > grid_reach - 1 && away <= grid_reach + 5, unclear_across = away >= 0.5 && away <= 4;
+    EXPECT_TRUE(unclear || near == (away < grid_reach)) << name << " face " << face << " at " << x << ", " << y;
+    EXPECT_TRUE(unclear_across || across == (away < 1)) << name << " face " << face << " at " << x << ", " << y;
   });
 }
 
@@ -92,8 +96,8 @@ TEST(Creases, AreTheIsocubesDiagonals) {
 TEST(Creases, AreNoneWhereOneFormulaServesAFace) {
   for (const std::string_view name : {"latlong", "cube", "equi-angular-cube", "openexr-cube", "paraboloid",
                                       "dual-equidistant", "tennis-ball", "polar-capped", "diamond-8", "diamond-12"})
-    for_each_texel(name, [&](int face, int x, int y, bool creased) {
-      EXPECT_FALSE(creased) << name << " face " << face << " at " << x << ", " << y;
+    for_each_texel(name, [&](int face, int x, int y, bool near, bool) {
+      EXPECT_FALSE(near) << name << " face " << face << " at " << x << ", " << y;
     });
 }
 

@@ -69,6 +69,29 @@ TEST(QualityAtSeams, IsAsElsewhere) {
   }
 }
 
+// Nor do lines along which the output's own map bends: samples beyond them see waves that are none.
+TEST(QualityAtCreases, IsAsElsewhere) {
+  constexpr int source = 512;
+  const Layout& latlong = layout("latlong");
+  // Directions within so many texels of one of the layout's creases.
+  const auto by_crease = [](const Layout& target, int height, Vec3 d) {
+    const Location at = target.locate(d);
+    const double a = std::abs(at.u - 0.5) * height, b = std::abs(at.v - 0.5) * height, half = 0.5 * height;
+    constexpr double near = 6;
+    if (target.name() == "isocube") return (at.face == 2 || at.face == 3) && std::abs(a - b) < near;
+    return std::min({a, b, std::abs(a + b - half)}) < near;
+  };
+  for (const auto& [name, height] : {std::pair("octahedral", 624), std::pair("isocube", 256)}) {
+    const Layout& target = layout(name);
+    const bench::Signal signal(bench::nyquist(target, height), 0.6 * bench::nyquist(latlong, source));
+    const EnvImage out = resampled(paint(latlong, source, signal), target, height);
+    const Rgb there = quality_of(out, signal, [&](Vec3 d) { return by_crease(target, height, d); });
+    const Rgb elsewhere = quality_of(out, signal, [&](Vec3 d) { return !by_crease(target, height, d); });
+    EXPECT_GE(there[0], elsewhere[0] - 1) << name;
+    EXPECT_GE(there[1], elsewhere[1] - 6) << name;
+  }
+}
+
 // A sinc under a Kaiser window through a lat-long's texels, which are painted beyond its edges where the formula goes
 // on.
 class WindowedSinc {
