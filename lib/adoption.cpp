@@ -13,6 +13,7 @@
 
 #include "assertion.h"
 #include "source.h"
+#include "sum_kernels.h"
 
 namespace envconv {
 namespace {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <memory>
 
+#include "sum_kernels.h"
+
 namespace envconv {
 namespace {
 

@@ -7,8 +7,8 @@
 
 #include "geometry.h"
 #include "image.h"
-#include "read_kernels.h"
 #include "source.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "quadrature.h"
-#include "read_kernels.h"
 #include "source.h"
 #include "source_blocks.h"
+#include "sum_kernels.h"
 
 namespace envconv {
 

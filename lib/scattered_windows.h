@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "image.h"
-#include "read_kernels.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

@@ -23,8 +23,8 @@
 #include "filter.h"
 #include "image.h"
 #include "layout.h"
-#include "read_kernels.h"
 #include "solid_angle.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

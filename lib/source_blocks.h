@@ -17,9 +17,9 @@
 #include <vector>
 
 #include "image.h"
-#include "read_kernels.h"
 #include "source.h"
 #include "tile_plan.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

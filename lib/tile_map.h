@@ -4,9 +4,9 @@
 
 #include <optional>
 
-#include "read_kernels.h"
 #include "source.h"
 #include "tile_plan.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "assertion.h"
+#include "sum_kernels.h"
 
 namespace envconv {
 namespace {

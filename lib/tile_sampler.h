@@ -9,12 +9,12 @@
 #include "creases.h"
 #include "grid_kernels.h"
 #include "grid_tables.h"
-#include "read_kernels.h"
 #include "scattered_windows.h"
 #include "source.h"
 #include "source_blocks.h"
 #include "tile_map.h"
 #include "tile_plan.h"
+#include "window_kernels.h"
 
 namespace envconv {
 

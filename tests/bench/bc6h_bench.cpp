@@ -27,7 +27,7 @@
 #include "../bc6h_exhaustive.h"
 #include "bc6h.h"
 #include "io.h"
-#include "read_kernels.h"
+#include "window_kernels.h"
 
 namespace {
 

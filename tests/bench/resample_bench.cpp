@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "analytic.h"
-#include "read_kernels.h"
+#include "window_kernels.h"
 
 namespace {
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inner loops of resampling, compiled per SIMD target and dispatched at run time.
+// From samples' directions to the windows of texels that they read: loops compiled per SIMD target and dispatched at
+// run time.
 //
 // Reading goes in steps over batches of samples: face points to windows of taps (make_windows), windows to memory (the
-// caller's: an image, a strip, a block), weighted sums over the windows (sum_windows).
+// caller's: an image, a strip, a block), weighted sums over the windows (sum_windows in sum_kernels.h).
 #pragma once
 
 #include <cstddef>
@@ -77,26 +78,6 @@ void evaluate_quartic(const float c[5], float first, float step, int n, float* o
 /// Points the windows from sample `begin` on at a field of `channels` floats a texel, up to the first sample that lies
 /// elsewhere: in another face or outside the field.  Returns that sample, or n.  At least one is pointed.
 int point_windows(const WindowField& field, int channels, const float* face, int begin, int n, Windows& windows);
-
-/// out[i][4] = weighted sum over window i of `channels` (3 or 4) floats a texel; the fourth of three channels is
-/// weight[i], the one that was given to make_windows().  Loads reach up to 16 floats past a window's row.  ahead:
-/// floats from each window's first to what Kernel::drooping will read some rows of samples later, to be fetched
-/// meanwhile.
-void sum_windows(Kernel kernel, int channels, int n, const Windows& windows, const float* weight, float* out,
-                 std::ptrdiff_t ahead = 0);
-
-/// A window of sinc_taps x sinc_taps texels around a place: its first texel, floats from row to row, and how far right
-/// of and below the window's fourth column and row the place lies: [0, 1].
-struct SincWindow {
-  const float* first;
-  std::ptrdiff_t pitch;
-  float fx, fy;
-};
-inline constexpr int sinc_taps = 8;
-
-/// out[i][4] = what stands at window i's place by a sinc under a Kaiser window (beta 7.5), from `channels` (3 or 4)
-/// floats a texel; of three channels the fourth is 0.  Loads reach up to 16 floats past a window's row.
-void interpolate_sinc(int channels, int n, const SincWindow* windows, float* out);
 
 /// (x, y, z) <- matrix * (x, y, z), in place; n rounded up to 16.
 void rotate_directions(const float matrix[9], std::size_t n, float* x, float* y, float* z);
