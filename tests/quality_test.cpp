@@ -121,13 +121,19 @@ class WindowedSinc {
 
  private:
   static constexpr int taps = 16;
+  // The modified Bessel function by its power series, for |x| < 9: the standard library's writes to lgamma's global.
+  static double bessel_i0(double x) {
+    double sum = 1, term = 1;
+    for (int k = 1; k < 40; ++k) term *= 0.25 * x * x / (k * k), sum += term;
+    return sum;
+  }
   // Of taps at 0, 1 ... for a sample at x.
   static void weights(double x, double (&w)[taps]) {
     double sum = 0;
     for (int k = 0; k < taps; ++k) {
       const double t = k - x, r = t / (taps / 2);
       const double sinc = std::abs(t) < 1e-12 ? 1.0 : std::sin(M_PI * t) / (M_PI * t);
-      sum += w[k] = std::abs(r) < 1 ? sinc * std::cyl_bessel_i(0.0, 8.5 * std::sqrt(1 - r * r)) : 0;
+      sum += w[k] = std::abs(r) < 1 ? sinc * bessel_i0(8.5 * std::sqrt(1 - r * r)) : 0;
     }
     for (double& v : w) v /= sum;
   }
