@@ -7,8 +7,8 @@
 
 namespace envconv {
 
-/// Texels of a tile, inside the layout's domain, and creases: lines where derivatives jump by a hundredth and
-/// more of themselves.
+/// Texels of a tile, inside the layout's domain, by creases: lines where derivatives jump by a hundredth of themselves
+/// and more.
 struct Creases {
   TexelMask near;    ///< within `grid_reach` of one: weights that reach across it see waves that are none
   TexelMask across;  ///< on one, or next to one that is; all of them are near

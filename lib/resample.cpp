@@ -19,9 +19,8 @@
 //   weights divide by what it loses. Where the map has a crease (an octahedron's edges, the diagonals of isocube's
 //   polar faces) weights that reach across it see waves that are none: texels near it are sampled once more, each for
 //   itself, and those on it with many samples (find_creases).
-// - Texel, elsewhere.  Gauss-Legendre nodes in each texel; never a negative weight.  A sample's weight is its
-// quadrature
-//   weight times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
+// - Texel, elsewhere.  Gauss-Legendre nodes in each texel; never a negative weight.  A sample's weight is the node's
+//   times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
 //   symmetrically, so these weights still add up to 1.  At a disc's rim, to which tiles are quartered, texels take
 //   nodes outwards, as many as the map's stretch asks for, and few along the rim (RimTexel).
 // - Point, for plain filters where one sample is enough.
