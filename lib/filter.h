@@ -13,7 +13,8 @@ enum class Kernel {
   bilinear,           ///< 2 taps
   catmull_rom,        ///< 4 taps, interpolating cubic (Catmull & Rom 1974)
   band_limited,       ///< 5 taps on prefiltered texels, least error over the band (see kernel_design.py)
-  band_limited_wide,  ///< 7 taps on texels prefiltered for them, where an output is finer than its source
+  band_limited_wide,  ///< 7 taps on texels prefiltered for them, for outputs finer than their source, or of many
+                      ///< samples
   drooping,           ///< 5 taps, whose loss at high frequencies is made up for later (see kernel_design.py)
   lanczos3,           ///< 6 taps, normalised
 };
@@ -53,7 +54,8 @@ inline constexpr double poles[2] = {-0.5773157318, -0.0800810538};
 }  // namespace band_limited
 
 /// Kernel::band_limited_wide, likewise, with taps at -3 .. 3: twice the work, and errors of -107, -99, -86, -62, -49 dB
-/// there.  It serves outputs finer than their source: means over texels so small leave a kernel's errors as they are.
+/// there.  It serves outputs finer than their source, as means over texels so small leave a kernel's errors as they
+/// are, and those of which more samples are asked for than auto takes.
 namespace band_limited_wide {
 inline constexpr float c0[4] = {0.4435351517f, -0.2554902314f, 0.0695320888f, -0.0127605946f};
 inline constexpr float c1[7] = {0.2454545777f,  0.2984546029f, 0.0152515878f, -0.1099538986f,

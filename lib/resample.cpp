@@ -14,11 +14,11 @@
 //   densely as the source's texels (grid_spacing), not the output's: 1, 5/4, 3/2 ... in a texel.  Every texel takes
 //   its own and some of its neighbours' with the weights of grid_quadrature(), whose sum is the integral of every wave
 //   that the source holds.  A sample counts by the density |dd/du x dd/dv| there; the sums of weights times density
-//   divide. They are read with Kernel::band_limited from prefiltered blocks (band_limited_wide when growing); where a
-//   texel spans many of the source's, with Kernel::drooping from the source itself, which costs no prefilter, and the
-//   weights divide by what it loses. Where the map has a crease (an octahedron's edges, the diagonals of isocube's
-//   polar faces) weights that reach across it see waves that are none: texels near it are sampled once more, each for
-//   itself, and those on it with many samples (find_creases).
+//   divide. They are read with Kernel::band_limited from prefiltered blocks (band_limited_wide when growing, or when
+//   many samples were asked for); where a texel spans many of the source's, with Kernel::drooping from the source
+//   itself, which costs no prefilter, and the weights divide by what it loses. Where the map has a crease (an
+//   octahedron's edges, the diagonals of isocube's polar faces) weights that reach across it see waves that are none:
+//   texels near it are sampled once more, each for itself, and those on it with many samples (find_creases).
 // - Texel, elsewhere.  Gauss-Legendre nodes in each texel; never a negative weight.  A sample's weight is the node's
 //   times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
 //   symmetrically, so these weights still add up to 1.  At a disc's rim, to which tiles are quartered, texels take
@@ -76,9 +76,12 @@ std::uint64_t morton_code(int x, int y) {
 Filter filter_of(const EnvImage& source, const ResampleOptions& options) {
   // Means over texels larger than the source's take away most of a kernel's errors; a finer output keeps them.
   constexpr double growing = 0.8;  // source texels per texel of the output
+  // With so many samples a side the kernel's errors are what is left.
+  constexpr int many = 2;
   Filter filter = options.filter ? *options.filter : all_filters().front();
   const auto texels = static_cast<double>(texel_count(*options.layout, options.height));
-  if (filter.kernel == Kernel::band_limited && static_cast<double>(source.texel_count()) < growing * texels)
+  const bool is_finer = static_cast<double>(source.texel_count()) < growing * texels;
+  if (filter.kernel == Kernel::band_limited && (is_finer || options.samples >= many))
     filter.kernel = Kernel::band_limited_wide;
   return filter;
 }

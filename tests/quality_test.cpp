@@ -14,10 +14,11 @@ using bench::Rgb;
 
 const Layout& layout(const char* name) { return *find_layout(name); }
 
-EnvImage resampled(const EnvImage& source, const Layout& target, int height) {
+EnvImage resampled(const EnvImage& source, const Layout& target, int height, int samples = 0) {
   ResampleOptions options;
   options.layout = &target;
   options.height = height;
+  options.samples = samples;
   Result<EnvImage> out = resample(source, options);
   EXPECT_TRUE(static_cast<bool>(out));
   return std::move(*out);
@@ -142,6 +143,14 @@ class WindowedSinc {
   std::vector<Rgb> texels_;
 };
 
+// Of the sinc over the footprints of a picture's texels.
+bench::Estimate integral_of(const WindowedSinc& sinc, const EnvImage& out) {
+  return [&sinc, &out, nodes = box_quadrature(8)](int f, int x, int y) {
+    return bench::footprint_mean(*out.layout, f, x, y, face_size(*out.layout, f, out.height()), out.placement, nodes,
+                                 sinc);
+  };
+}
+
 // Of waves up to 0.8 of the source's limit, and up to 0.4 of it.
 TEST(QualityOfGrowing, IsThatOfAWindowedSinc) {
   constexpr int source = 128, target = 256;
@@ -150,13 +159,21 @@ TEST(QualityOfGrowing, IsThatOfAWindowedSinc) {
   const bench::Signal signal(limit, limit);
   const WindowedSinc sinc(latlong, source, signal);
   const EnvImage out = resampled(paint(latlong, source, signal), cube, target);
-  const Quadrature nodes = box_quadrature(4);
-  const bench::Estimate of_sinc = [&](int f, int x, int y) {
-    return bench::footprint_mean(cube, f, x, y, {target, target}, out.placement, nodes, sinc);
-  };
-  const bench::Estimate estimates[] = {bench::estimate_of(out), of_sinc};
+  const bench::Estimate estimates[] = {bench::estimate_of(out), integral_of(sinc, out)};
   const std::vector<Rgb> psnr = bench::quality(cube, target, signal, estimates, 3e3);
   for (std::size_t c = 0; c < 3; ++c) EXPECT_GE(psnr[0][c], psnr[1][c] - 1) << "RGB"[c];
+}
+
+// Half of the source's size; waves up to the output's limit, and up to half of it.
+TEST(QualityOfManySamples, IsThatOfAWindowedSinc) {
+  constexpr int source = 256, target = 128;
+  const Layout &latlong = layout("latlong"), &cube = layout("cube");
+  const bench::Signal signal(bench::nyquist(cube, target), 0.6 * bench::nyquist(latlong, source));
+  const WindowedSinc sinc(latlong, source, signal);
+  const EnvImage out = resampled(paint(latlong, source, signal), cube, target, 2);
+  const bench::Estimate estimates[] = {bench::estimate_of(out), integral_of(sinc, out)};
+  const std::vector<Rgb> psnr = bench::quality(cube, target, signal, estimates, 3e3);
+  for (std::size_t c = 0; c < 3; ++c) EXPECT_GE(psnr[0][c], psnr[1][c] - 3) << "RGB"[c];
 }
 
 }  // namespace
