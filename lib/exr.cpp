@@ -189,6 +189,9 @@ struct Window {
   }
 };
 
+// A part of an open file, which always has a type.  A description of tiles may have stayed in a file of lines.
+bool is_tiled(const Imf::Header& header) { return header.type() == Imf::TILEDIMAGE; }
+
 class ExrDecoder final : public Decoder {
  public:
   ExrDecoder(int fd, std::uint64_t size) : fd_(fd), stream_(fd, size), size_(size) {}
@@ -337,7 +340,7 @@ class ExrDecoder final : public Decoder {
   static PartChunks chunks_of_part(const Imf::Header& header) {
     const Window data(header.dataWindow());
     const bool opaque = !chunks_are_unpacked_here(header.compression());
-    if (!header.hasTileDescription()) {
+    if (!is_tiled(header)) {
       const std::int64_t lines = chunk_lines(header.compression());
       return {static_cast<std::uint64_t>((data.height() + lines - 1) / lines), false, opaque};
     }
@@ -424,12 +427,14 @@ class ExrDecoder final : public Decoder {
 
   Result<Ok> add(int index, const DecoderOptions& options) {
     const Imf::Header& header = file_->header(index);
-    if (header.hasType() && Imf::isDeepData(header.type())) return bad_input("deep images are not environment maps");
+    if (Imf::isDeepData(header.type())) return bad_input("deep images are not environment maps");
+    if (header.type() != Imf::TILEDIMAGE && header.type() != Imf::SCANLINEIMAGE)
+      return bad_input("a part of type " + header.type() + ", which is not known");
     Window data(header.dataWindow());
     const Window display(header.displayWindow());
     if (data.width() < 1 || data.height() < 1) return bad_input("an empty image");
     PictureSpec picture;
-    Part part{data, {}, header.hasTileDescription(), 0, data.x0, data.y0};
+    Part part{data, {}, is_tiled(header), 0, data.x0, data.y0};
     std::int64_t width = data.width(), height = data.height();
     const bool same_size = width == display.width() && height == display.height();
     const bool ours = header.find("envconv:layout") != header.end();
@@ -464,7 +469,7 @@ class ExrDecoder final : public Decoder {
       const Imf::TileDescription& tiles = header.tileDescription();
       const auto limit =
           std::max<std::uint64_t>(std::uint64_t{1} << 24, static_cast<std::uint64_t>(width * height) * 4);
-      if (tiles.xSize == 0 || tiles.ySize > limit / tiles.xSize) {
+      if (tiles.xSize == 0 || tiles.ySize == 0 || tiles.ySize > limit / tiles.xSize) {
         return bad_input("truncated or damaged: it claims tiles of " + std::to_string(tiles.xSize) + "x" +
                          std::to_string(tiles.ySize) + " texels");
       }

@@ -8,11 +8,13 @@
 #include <ImfIntAttribute.h>
 #include <ImfOutputFile.h>
 #include <ImfPartType.h>
+#include <ImfTileDescriptionAttribute.h>
 #include <ImfTiledOutputFile.h>
 #include <gtest/gtest.h>
 #include <half.h>
 
 #include <algorithm>
+#include <fstream>
 #include <random>
 #include <string>
 #include <tuple>
@@ -24,7 +26,10 @@
 namespace envconv {
 namespace {
 
-// Writes channels of 1 float each, whose value is 1000 * channel + 100 * y + x in the data window's coordinates.
+float last_digits(std::int64_t v) { return static_cast<float>((v % 1000 + 1000) % 1000); }
+
+// Writes channels of 1 float each, whose value is 1000 * channel + 100 * y + x in the data window's coordinates, of
+// which the last three digits count.
 void write_raw(const std::string& path, Imf::Header header, const std::vector<std::string>& names,
                Imf::LevelMode levels, bool tiled) {
   for (const std::string& name : names) header.channels().insert(name, Imf::Channel(Imf::FLOAT));
@@ -36,9 +41,8 @@ void write_raw(const std::string& path, Imf::Header header, const std::vector<st
     std::vector<float>& plane = planes.emplace_back(static_cast<std::size_t>(width * height));
     for (std::int64_t y = 0; y < height; ++y) {
       for (std::int64_t x = 0; x < width; ++x) {
-        plane[static_cast<std::size_t>(y * width + x)] = static_cast<float>(1000 * c) +
-                                                         100.f * static_cast<float>(y + box.min.y) +
-                                                         static_cast<float>(x + box.min.x);
+        plane[static_cast<std::size_t>(y * width + x)] =
+            static_cast<float>(1000 * c) + 100.f * last_digits(y + box.min.y) + last_digits(x + box.min.x);
       }
     }
   }
@@ -87,6 +91,29 @@ TEST_F(Io, ExrTilesAndLevels) {
   }
 }
 
+TEST_F(Io, ExrLinesWithADescriptionOfTiles) {
+  // What a program leaves there that copies the header of a tiled file: nothing is made of it.
+  const Imath::Box2i box({0, 0}, {49, 29});
+  for (const Imf::Compression compression : {Imf::ZIP_COMPRESSION, Imf::PXR24_COMPRESSION}) {
+    for (const unsigned height : {64u, 8u, 0u}) {
+      Imf::Header header = windows(box, box);
+      header.compression() = compression;
+      header.insert("tiles", Imf::TileDescriptionAttribute(Imf::TileDescription(64, height, Imf::MIPMAP_LEVELS)));
+      write_raw(path("l.exr"), header, {"Y"}, Imf::ONE_LEVEL, false);
+      // OpenEXR itself says in the second byte of the version that these are tiles, and could not read them.
+      std::string bytes = bytes_of(path("l.exr"));
+      ASSERT_EQ(bytes[5], 2);
+      bytes[5] = 0;
+      std::ofstream(path("l.exr"), std::ios::binary) << bytes;
+      const auto file = read_pictures(path("l.exr"), {});
+      ASSERT_TRUE(file.ok()) << file.error().message;
+      EXPECT_EQ(file->levels, 1);
+      EXPECT_EQ(*file->pictures[0].image.at(7, 9), 907);
+      EXPECT_EQ(*file->pictures[0].image.at(49, 29), 2949);
+    }
+  }
+}
+
 TEST_F(Io, ExrWindows) {
   const auto read = [&](Imath::Box2i display, Imath::Box2i data, bool tiled) {
     write_raw(path("w.exr"), windows(display, data), {"Y"}, Imf::ONE_LEVEL, tiled);
@@ -124,11 +151,22 @@ TEST_F(Io, ExrWindows) {
     EXPECT_NE(file.error().message.find("10x10"), std::string::npos) << file.error().message;
     EXPECT_NE(file.error().message.find("20x10"), std::string::npos);
   }
-  // An origin far away.
-  const int far = 1000000000;
-  auto file = read({{far, far}, {far + 19, far + 9}}, {{far, far}, {far + 19, far + 9}}, false);
-  ASSERT_TRUE(file.ok()) << file.error().message;
-  EXPECT_EQ(file->pictures[0].image.width(), 20);
+  // An origin far away, of chunks that are unpacked here and of those that OpenEXR unpacks.
+  for (const int far : {1000000000, -1000000000}) {
+    const Imath::Box2i box({far, far}, {far + 19, far + 9}), wider({far - 5, far}, {far + 30, far + 9});
+    for (const Imf::Compression compression : {Imf::ZIP_COMPRESSION, Imf::PXR24_COMPRESSION}) {
+      for (const Imath::Box2i& data : {box, wider}) {
+        Imf::Header header = windows(box, data);
+        header.compression() = compression;
+        write_raw(path("far.exr"), header, {"Y"}, Imf::ONE_LEVEL, false);
+        const auto file = read_pictures(path("far.exr"), {});
+        ASSERT_TRUE(file.ok()) << file.error().message;
+        EXPECT_EQ(file->pictures[0].image.width(), 20);
+        EXPECT_EQ(*file->pictures[0].image.at(0, 0), 0);
+        EXPECT_EQ(*file->pictures[0].image.at(7, 9), 907);
+      }
+    }
+  }
 }
 
 TEST_F(Io, ExrChannels) {
@@ -191,7 +229,17 @@ TEST_F(Io, ExrKindsThatAreRefused) {
   }
   file = read_pictures(path("chroma.exr"), {});
   ASSERT_FALSE(file.ok());
-  EXPECT_NE(file.error().message.find("chroma"), std::string::npos) << file.error().message;
+  EXPECT_NE(file.error().message.find("luminance and subsampled chroma"), std::string::npos) << file.error().message;
+  {
+    Imf::Header header(box, box);
+    header.channels().insert("R", Imf::Channel(Imf::HALF));
+    header.channels().insert("G", Imf::Channel(Imf::HALF));
+    header.channels().insert("B", Imf::Channel(Imf::HALF, 2, 2));
+    Imf::OutputFile file(path("thin.exr").c_str(), header, 0);
+  }
+  file = read_pictures(path("thin.exr"), {});
+  ASSERT_FALSE(file.ok());
+  EXPECT_NE(file.error().message.find("channel B is subsampled"), std::string::npos) << file.error().message;
   {
     // Begun and never finished.
     Imf::Header header(box, box);
