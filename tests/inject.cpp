@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults on order, for LD_PRELOAD: ENVCONV_INJECT=CALL:N:WHAT[:from] makes the N-th CALL (from 1) fail, or with "from"
-// that one and all later ones.
+// that one and all later ones; with "butK" in its place, those of which K is no divisor.
 //
 //     CALL  write, fsync, close, rename, open (for writing): of temporaries of ours only; read (pread of inputs,
 //           wherever); malloc (and its kin, of the process that was started; not of decoders); allocate
@@ -12,6 +12,8 @@
 //
 // ENVCONV_INJECT_LOG names a file to which the number of calls is written at the end, so that a test knows how many
 // there are to fail.
+//
+// ENVCONV_INJECT_FOLDS, when it is set, makes the tool find that file systems take upper and lower case for one.
 //
 // ENVCONV_INJECT_LOCALE, when it is set, has the process begin in the locale of its environment, as a program does that
 // uses the library: the tool itself stays in the C locale.
@@ -48,6 +50,7 @@ int chosen = none;
 long first = 0;
 int code = 0;
 bool from_then_on = false, begun = false;
+long spared = 0;  // calls of which this is a divisor succeed
 pid_t owner = 0;
 std::atomic<long> counted{0};
 int log_fd = -1;
@@ -60,7 +63,7 @@ __attribute__((constructor)) void set_up() {
   owner = getpid();
   if (getenv("ENVCONV_INJECT_LOCALE") && !setlocale(LC_ALL, "")) abort();  // the test's environment is not as it thinks
   if (!order || sscanf(order, "%15[a-z]:%ld:%d:%7s", name, &first, &code, rest) < 3) return;
-  from_then_on = strcmp(rest, "from") == 0;
+  from_then_on = strcmp(rest, "from") == 0 || sscanf(rest, "but%ld", &spared) == 1;
   for (int c = call_write; c < calls; ++c) {
     if (strcmp(name, names[c]) == 0) chosen = c;
   }
@@ -78,6 +81,7 @@ bool fails(Call call) {
   if (call != chosen) return false;
   const long number = ++counted;
   if (number != first && !(from_then_on && number > first)) return false;
+  if (spared > 0 && number % spared == 0) return false;
   errno = code;
   return true;
 }
@@ -147,6 +151,12 @@ int open64(const char* path, int flags, ...) {
   const mode_t mode = va_arg(arguments, mode_t);
   va_end(arguments);
   return open(path, flags, mode);
+}
+
+int access(const char* path, int mode) noexcept {
+  REAL(access);
+  if (strstr(path, "/.ENVCONV-") && getenv("ENVCONV_INJECT_FOLDS")) return 0;
+  return real(path, mode);
 }
 
 ssize_t pread(int fd, void* data, size_t size, off_t at) {

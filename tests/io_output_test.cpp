@@ -6,8 +6,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
+#include <utility>
+#include <vector>
 
 #include "io.h"
 #include "io_cases.h"
@@ -158,6 +161,38 @@ TEST_F(IoOutput, VerificationFindsDamage) {
   ::unsetenv("ENVCONV_TEST_WRITER");
   ASSERT_FALSE(report.ok());
   EXPECT_NE(report.error().message.find("read back"), std::string::npos) << report.error().message;
+  EXPECT_EQ(files_in(folder()), 5);
+  // Where level 0 is all of one value, and takes next to nothing, it is level 1.
+  Picture plain = make(128, 128, 3);
+  std::fill_n(plain.image.data(), plain.image.value_count(), 1.f);
+  levels[0] = one(std::move(plain));
+  // Of several pictures it is none of the first ones.
+  std::vector<Picture> faces;
+  for (const char* name : {"px", "nx", "py", "ny", "pz", "nz"}) {
+    faces.push_back(make(32, 32, 3));
+    faces.back().name = name;
+  }
+  std::vector<std::vector<Picture>> cube;
+  cube.push_back(std::move(faces));
+  struct Case {
+    const char *name, *compression;
+    const std::vector<std::vector<Picture>>& all;
+  };
+  const Case cases[] = {{"levels.tif", "zip", levels},
+                        {"levels.exr", "zip", levels},
+                        {"faces.exr", "none", cube},
+                        {"faces.dds", "", cube},
+                        {"faces.ktx2", "", cube}};
+  for (const auto& [name, compression, all] : cases) {
+    write.compression = compression;
+    ASSERT_TRUE(write_levels(path(name), all, write).ok()) << name;
+    fs::remove(path(name));
+    ::setenv("ENVCONV_TEST_WRITER", "flip", 1);
+    const auto damaged = write_levels(path(name), all, write);
+    ::unsetenv("ENVCONV_TEST_WRITER");
+    ASSERT_FALSE(damaged.ok()) << name;
+    EXPECT_NE(damaged.error().message.find("read back"), std::string::npos) << damaged.error().message;
+  }
   EXPECT_EQ(files_in(folder()), 5);
 }
 

@@ -70,6 +70,11 @@ class Batch(Case):
         self.says("out/a.exr", "a.exr", "sub/a.exr", "twice")
         self.assertEqual(self.outputs(), [])
         self.run_tool("convert", "a.exr", "sub/a.exr", "-o", "out/../{dir}/out_{stem}.exr").is_silent()
+        # However the folder is spelled.
+        self.path("link").symlink_to("sub")
+        for first, second in (("a.exr", "sub/../a.exr"), ("sub/a.exr", "link/a.exr")):
+            self.run_tool("convert", first, second, "-o", "{dir}/x_{stem}.exr", expect=2).says("twice")
+        self.assertEqual([f for f in self.files() if "x_" in f], [])
 
     def test_an_output_that_is_another_input(self):
         self.run_tool("convert", "a.exr", "b.exr", "-o", "{index}.exr").is_silent()
@@ -109,6 +114,11 @@ class Batch(Case):
         self.run_tool("convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--size", 8, "-n", "--json")
         self.assertEqual([r.get("skipped", False) for r in self.reports()], [True, False, False])
         self.assertEqual((os.stat(self.path("out/a.exr")).st_mtime_ns, os.stat(self.path("out/a.exr")).st_ino), stamp)
+        self.assertEqual(self.path("out/b.exr").read_bytes(), whole)
+        # Not complete, and only its last pixels tell.
+        self.path("out/b.exr").write_bytes(whole[:-1])
+        self.run_tool("convert", "a.exr", "b.exr", "c.exr", "-o", "out/", "--size", 8, "-n", "--json")
+        self.assertEqual([r.get("skipped", False) for r in self.reports()], [True, False, True])
         self.assertEqual(self.path("out/b.exr").read_bytes(), whole)
 
     def test_skipping_looks_at_age_and_kind(self):
@@ -243,9 +253,9 @@ class Batch(Case):
         self.run_tool("convert", "sub/../a.exr", "-o", "out/{dir}/x.exr", "--size", 4, expect=4).says("create it first")
         self.run_tool("convert", "../b.exr", "-o", "../out/{dir}/x.exr", expect=2, cwd=self.path("sub"))
         self.says("outside of ../out")
-        # By way of a link, too.
-        self.path("elsewhere").mkdir()
-        self.path("out/a").symlink_to("../elsewhere")
+        # By way of a link, too; and a name that begins as the folder's does is another folder.
+        self.path("out-of-it").mkdir()
+        self.path("out/a").symlink_to("../out-of-it")
         self.run_tool("convert", "a.exr", "-o", "out/{stem}/x.exr", expect=2).says("outside of out")
         self.assertEqual([f for f in self.files() if "x.exr" in f], [])
         # {dir} at the beginning is what the user asked for.

@@ -107,6 +107,16 @@ class Pixels(Case):
         self.run_tool("convert", "parts.exr", "-o", "sky_{face}.exr", *PLAIN)
         self.check_centres(CENTRES)
 
+    def test_parts_have_the_order_of_their_names(self):
+        names, words = sorted(CENTRES, reverse=True), []
+        for i, name in enumerate(names):
+            write_constant(self.path(f"{name}.exr"), i + 1, 8, 8)
+            words += [f"{name}.exr", "--attrib", "oiio:subimagename", name, *(["--siappend"] if i else [])]
+        subprocess.run(["oiiotool", *words, "-o", "parts.exr"], cwd=self.folder, check=True)
+        self.run_tool("convert", "parts.exr", "-o", "sky_{face}.exr", "--size", 8, *PLAIN).is_silent()
+        for i, name in enumerate(names):
+            self.assertEqual(read_exr(self.path(f"sky_{name}.exr"))[2]["G"][4][4], i + 1, name)
+
     def test_exposure_and_alpha(self):
         write_exr(self.path("in.exr"), 16, 8, lambda x, y: (0.25, 0.25, 0.25, 0.5), "RGBA")
         self.run_tool("convert", "in.exr", "-o", "a.exr", "--to", "latlong", "--exposure", "2", *PLAIN)
@@ -181,6 +191,18 @@ class Nonfinite(Case):
         channels = self.convert("--nonfinite", "clamp", "-q")
         self.assertEqual((channels["R"][4][4], channels["R"][4][5], channels["B"][4][5]), (0, 65504, -65504))
         self.is_silent()
+
+    def test_of_every_face(self):
+        bad = {(44, 4): float("nan"), (3, 3): float("inf")}  # in the last and the first of six
+        write_exr(self.path("in.exr"), 48, 8, lambda x, y: (bad.get((x, y), x // 8 + 1), 1, 1))
+        same = ("convert", "in.exr", "-o", "out.exr", "--from", "cube", "--to", "cube", "--packing", "row", *PLAIN)
+        for words, values in (((), (6, 1)), (("--nonfinite", "zero"), (0, 0)), (("--nonfinite", "clamp"), (0, 65504))):
+            self.run_tool(*same, *words).says("2 values are NaN or infinite")
+            channels = read_exr(self.path("out.exr"))[2]
+            self.assertEqual((channels["R"][4][44], channels["R"][3][3]), values, words)
+        bad.pop((3, 3))
+        write_exr(self.path("in.exr"), 48, 8, lambda x, y: (bad.get((x, y), 1), 1, 1))
+        self.run_tool(*same, "--nonfinite", "error", expect=3).says("in.exr: 1 value is NaN or infinite")
 
     def test_error(self):
         self.convert("--nonfinite", "error", expect=3)
@@ -346,8 +368,10 @@ class Failures(Case):
 
     def test_not_what_it_was_said_to_be(self):
         write_constant(self.path("in.exr"), 1, 30, 10)
-        self.run_tool("convert", "in.exr", "-o", "out.exr", "--from", "cube", expect=3).says("in.exr")
-        self.run_tool("convert", "in.exr", "-o", "out.exr", expect=3).says("in.exr")
+        self.run_tool("convert", "in.exr", "-o", "out.exr", "--from", "cube", expect=3)
+        self.says("in.exr: 30x10 does not fit cube: expected 6:1")
+        self.run_tool("convert", "in.exr", "-o", "out.exr", expect=3)
+        self.says("in.exr: 30x10 is the shape of no layout", "2:1")
         self.assertEqual(self.files(), ["in.exr"])
 
     def test_ambiguity_lists_the_candidates(self):

@@ -150,6 +150,10 @@ def empty(files):
         yield "raw.tif", f"{width}x{height}", tiff(width, height, b"\0" * 1536)
         yield "good.dds", f"{width}x{height}", dds(width, height, b"")
         yield "good.ktx2", f"{width}x{height}", ktx2(width, height, b"")
+    yield "good.ppm", "0x16", b"P6\n0 16\n255\n"
+    yield "good.ppm", "0x0", b"P6\n0 0\n255\n"
+    yield "good.pfm", "0x16", b"PF\n0 16\n-1.0\n"
+    yield "good.tga", "0x16", struct.pack("<BBB9xHHBB", 0, 0, 2, 0, 16, 24, 0) + bytes(8) + b"TRUEVISION-XFILE.\0"
     for name in files:
         yield name, "no-bytes", b""
 
@@ -167,6 +171,9 @@ def bombs(files):
     # Old run lengths: four bytes repeat a pixel 255 times 65536 at most.
     yield "bomb.hdr", "runs", (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32768 +X 65536\n" + b"\1\2\3\4"
                                + b"\1\1\1\xff\1\1\1\xff\1\1\1\xff" * 50)
+    # Whole, and not too many pixels: 65536 = 1 + 255 + 255 * 256 of them in twelve bytes.
+    yield "bomb.hdr", "ratio", (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 65536\n"
+                                + b"\1\2\3\4\1\1\1\xff\1\1\1\xff" * 16)
 
 
 def late(files):

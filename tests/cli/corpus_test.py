@@ -62,11 +62,19 @@ class Corpus(unittest.TestCase):
 
     def test_empty(self):
         self.refused("empty")
+        for name in self.names["empty"]:
+            self.assertEqual(self.reports[name]["status"], 3, name)
+            # Of other formats the libraries find something else to be wrong first.
+            if name.endswith((".hdr", ".dds", ".ppm", ".pfm", ".tga")):
+                wanted = "an empty file" if "no-bytes" in name else "an empty image"
+                self.assertIn(wanted, self.reports[name]["error"], name)
 
     def test_bombs(self):
         self.refused("bombs")
         for name in self.names["bombs"]:
-            self.assertEqual(self.reports[name]["status"], 6)
+            too_dense = "ratio" in name
+            self.assertEqual(self.reports[name]["status"], 3 if too_dense else 6, name)
+            self.assertIn("MB of pixels in a file of" if too_dense else "--max-pixels", self.reports[name]["error"])
 
     def test_late(self):
         self.refused("late")

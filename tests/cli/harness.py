@@ -8,6 +8,7 @@ import math
 import os
 import pathlib
 import shutil
+import signal
 import struct
 import subprocess
 import tempfile
@@ -18,6 +19,10 @@ BINARY = os.path.abspath(os.environ["ENVCONV"])
 SOURCE = pathlib.Path(os.environ["ENVCONV_SOURCE"]).resolve()
 SANITIZED = bool(os.environ.get("ENVCONV_SANITIZE"))  # a build that is many times slower
 PANORAMAS = SOURCE / "testdata" / "panoramas"
+
+# A shell's background job, and nohup, ignore them, and what is ignored is inherited by the tool, which keeps to it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 class Case(unittest.TestCase):

@@ -237,8 +237,8 @@ class Memory(Case):
         write_constant(self.path("in.exr"), 1, 512, 256)
         size = 1024 * 1024 if SANITIZED else 256 * 1024  # a sanitizer needs some itself
         for kind in ("exr", "hdr", "png", "tif", "jpg"):
-            self.run_tool("convert", "in.exr", "-o", f"out.{kind}", "-q",
-                          preexec_fn=with_limit(resource.RLIMIT_STACK, size))
+            for source, output in (("in.exr", f"out.{kind}"), (f"out.{kind}", "back.exr")):
+                self.run_tool("convert", source, "-o", output, "-q", preexec_fn=with_limit(resource.RLIMIT_STACK, size))
 
     def test_sizes_as_words(self):
         write_constant(self.path("in.exr"))
