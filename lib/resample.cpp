@@ -18,7 +18,7 @@
 //   many samples were asked for); where a texel spans many of the source's, with Kernel::drooping from the source
 //   itself, which costs no prefilter, and the weights divide by what it loses. Where the map has a crease (an
 //   octahedron's edges, the diagonals of isocube's polar faces) weights that reach across it see waves that are none:
-//   texels near it are sampled once more, each for itself, and those on it with many samples (find_creases).
+//   texels near it are sampled once more, each for itself, and those on it in triangles that it parts (find_creases).
 // - Texel, elsewhere.  Gauss-Legendre nodes in each texel; never a negative weight.  A sample's weight is the node's
 //   times the density relative to that at the texel's centre, to first order: 1 + g . offset.  The nodes lie
 //   symmetrically, so these weights still add up to 1.  At a disc's rim, to which tiles are quartered, texels take

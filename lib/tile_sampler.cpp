@@ -317,19 +317,18 @@ void TileSampler::sample(Workspace& w, const Tile& tile, const TilePlan& tile_pl
   if (!on_it) {
     if (tile_plan.ku == 1 && tile_plan.kv == 1 && !filter_.limited && tile_plan.inside)
       return point_pass(w, tile, tile_plan, met);
-    texel_pass(w, tile, tile_plan, nullptr, met);
+    texel_pass(w, tile, tile_plan, nullptr, false, met);
   }
   if (!creased) return;
   TilePlan dense = tile_plan;
   dense.creased = !out_.layout->info().equal_area;
-  const auto with_nodes = [&](int least) {
-    if (options_.samples == 0) dense.ku = std::max(tile_plan.ku, least), dense.kv = std::max(tile_plan.kv, least);
-    return dense;
-  };
+  // One sample a texel, when that is asked for, is one everywhere.
+  if (options_.samples == 1) return texel_pass(w, tile, dense, &creases.near, false, met);
   // Three nodes see a wave of two texels to -69 dB, but a crease late.
+  dense.ku = std::max(tile_plan.ku, 3), dense.kv = std::max(tile_plan.kv, 3);
   const TexelMask beside = creases.near.without(creases.across);
-  texel_pass(w, tile, with_nodes(3), &beside, met);
-  texel_pass(w, tile, with_nodes(std::max(8, 2 * std::max(tile_plan.ku, tile_plan.kv))), &creases.across, met);
+  texel_pass(w, tile, dense, &beside, false, met);
+  texel_pass(w, tile, dense, &creases.across, true, met);
 }
 
 bool TileSampler::on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel,

@@ -84,7 +84,8 @@ class TileSampler {
   void gather(Kernel kernel, Workspace& w, int count) const;
   void read(Kernel kernel, Workspace& w, int count, float* out) const;
   void point_pass(Workspace& w, const Tile& tile, const TilePlan& plan, TexelMask& met);
-  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only, TexelMask& met);
+  void texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only, bool on_crease,
+                  TexelMask& met);
   bool on_grid(Workspace& w, const Tile& tile, const TilePlan& tile_plan, bool creased, Kernel kernel, TexelMask& met);
   bool grid_pass(Workspace& w, const Tile& tile, const TilePlan& plan, bool creased, Kernel kernel,
                  const GridQuadrature& qu, const GridQuadrature& qv, TexelMask& met);
@@ -93,6 +94,9 @@ class TileSampler {
                   const TileMap* map, int j, Run run, Workspace& w, const Visit& visit) const;
   template <class Visit>
   void sample_rim_texel(const Tile& tile, const TilePlan& plan, int i, int j, Workspace& w, const Visit& visit) const;
+  template <class Visit>
+  void sample_creased_texel(const Tile& tile, const TilePlan& plan, int i, int j, Workspace& w,
+                            const Visit& visit) const;
   void find_batch(Kernel kernel, const Tile& tile, Workspace& w, int count) const;
   void store_run(Workspace& w, const Tile& tile, int j, Run run);
   template <class Visit>

@@ -173,14 +173,69 @@ void TileSampler::sample_rim_texel(const Tile& tile, const TilePlan& plan, int i
   w.total[i] = static_cast<float>(total);
 }
 
-// Samples every texel for itself, or only some, with positive weights.
+// The same for texel i of row j, on a crease, in the eight triangles of its diagonals and axes: those of the layouts
+// that have creases run along these.
+template <class Visit>
+void TileSampler::sample_creased_texel(const Tile& tile, const TilePlan& plan, int i, int j, Workspace& w,
+                                       const Visit& visit) const {
+  const Image& face = out_.faces[static_cast<std::size_t>(tile.face)];
+  const double u = u_from_texel(tile.x0 + i, face.width(), out_.placement),
+               v = u_from_texel(tile.y0 + j, face.height(), out_.placement);
+  const double extent_u = texel_extent(face.width(), out_.placement),
+               extent_v = texel_extent(face.height(), out_.placement);
+  // At the middles of the texel's edges and at its corners, relative to that at its centre: linear between them.
+  double density[3][3];
+  const auto density_at = [&](int x, int y) {
+    return out_.layout->density(tile.face, u + 0.5 * extent_u * x, v + 0.5 * extent_v * y);
+  };
+  const double centre = plan.creased ? density_at(0, 0) : 1;
+  for (int y = 0; y < 3; ++y)
+    for (int x = 0; x < 3; ++x) {
+      const double relative = plan.creased ? density_at(x - 1, y - 1) / centre : 1;
+      density[y][x] = relative > 0 && std::isfinite(relative) ? relative : 1;
+    }
+  // A triangle's side is half of a texel's: two nodes see a wave of two texels there to -57 dB, and of four to -81.
+  const int asked = options_.samples, needed = (std::max(plan.ku, plan.kv) + 1) / 2;
+  const Quadrature& nodes = tables_.nodes(std::max({2, needed, asked > 0 ? asked + 1 : 0}));
+  double total = 0;
+  int count = 0;
+  const auto flush = [&] {
+    if (count == 0) return;
+    find_batch(filter_.kernel, tile, w, count);
+    visit(count);
+    count = 0;
+  };
+  const auto add = [&](double x, double y, double weight) {
+    w.u[count] = static_cast<float>(u + extent_u * x), w.v[count] = static_cast<float>(v + extent_v * y);
+    w.weight[count] = static_cast<float>(weight);
+    total += static_cast<double>(w.weight[count]);
+    if (++count == most_samples) flush();
+  };
+  for (const int right : {-1, 1})
+    for (const int down : {-1, 1})
+      for (std::size_t k = 0; k < nodes.offset.size(); ++k) {
+        const double out = nodes.offset[k] + 0.5;  // from the centre, 0, to an edge, 1
+        for (std::size_t m = 0; m < nodes.offset.size(); ++m) {
+          const double aside = nodes.offset[m] + 0.5;  // from the middle of the edge to its corner
+          const double weight = out * nodes.weight[k] * nodes.weight[m];
+          const double inner = 1 - out + out * aside * density[1 + down][1 + right], middle = out * (1 - aside);
+          add(0.5 * right * out, 0.5 * down * out * aside, weight * (inner + middle * density[1][1 + right]));
+          add(0.5 * right * out * aside, 0.5 * down * out, weight * (inner + middle * density[1 + down][1]));
+        }
+      }
+  flush();
+  w.total[i] = static_cast<float>(total);
+}
+
+// Samples every texel for itself, or only some, with positive weights.  on_crease: these are.
 void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& tile_plan, const TexelMask* only,
-                             TexelMask& met) {
+                             bool on_crease, TexelMask& met) {
   // At a disc's rim texels need very different numbers of samples, and few along it.
-  enum class Sampled { not_at_all, once, by_rows, from_rim };
+  enum class Sampled { not_at_all, once, by_rows, from_rim, in_triangles };
   const bool rim = !tile_plan.inside && options_.samples == 0 && filter_.window == 1.0;
   const auto sampled = [&](int i, int j) {
     if (only && !only->holds(i, j)) return Sampled::not_at_all;
+    if (on_crease) return Sampled::in_triangles;
     if (!rim) return Sampled::by_rows;
     return rim_side(out_, {tile.face, tile.x0 + i, tile.y0 + j, 1, 1}) == RimSide::outside ? Sampled::once
                                                                                            : Sampled::from_rim;
@@ -191,7 +246,8 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
     for (Run run{0, 0}; run.begin < tile.width; run.begin = run.end) {
       const Sampled way = sampled(run.begin, j);
       run.end = run.begin + 1;
-      while (way != Sampled::from_rim && run.end < tile.width && sampled(run.end, j) == way) ++run.end;
+      const bool alone = way == Sampled::from_rim || way == Sampled::in_triangles;
+      while (!alone && run.end < tile.width && sampled(run.end, j) == way) ++run.end;
       if (way == Sampled::not_at_all) continue;
       const int ku = way == Sampled::once ? 1 : tile_plan.ku, kv = way == Sampled::once ? 1 : tile_plan.kv;
       // A texel on a singular point may take millions of samples: batches are added up in double.
@@ -213,6 +269,8 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
       };
       if (way == Sampled::from_rim)
         sample_rim_texel(tile, tile_plan, run.begin, j, w, add);
+      else if (way == Sampled::in_triangles)
+        sample_creased_texel(tile, tile_plan, run.begin, j, w, add);
       else
         sample_row(filter_.kernel, tile, tile_plan, tables_.nodes(ku), tables_.nodes(kv), map ? &*map : nullptr, j, run,
                    w, add);

@@ -6,7 +6,8 @@
 //   G  the same up to half of it,
 //   B  zone plates about the six axes, whose frequency grows from 0 to a share of the source's Nyquist limit.
 // The truth for an output texel is the signal's mean over the texel's footprint, by Gauss-Legendre quadrature weighted
-// with solid angle.  PSNR is 10 log10(1 / mean squared error), the mean taken over the sphere.
+// with solid angle, in triangles between which a layout may have a crease.  PSNR is 10 log10(1 / mean squared error),
+// the mean taken over the sphere.
 #pragma once
 
 #include <tbb/parallel_for.h>
@@ -101,21 +102,40 @@ EnvImage paint(const Layout& layout, int height, const Value& value) {
   return image;
 }
 
-/// The mean of value(d) over a texel's footprint.
-template <class Value>
-Rgb footprint_mean(const Layout& layout, int face, int x, int y, Size size, Placement placement, const Quadrature& q,
-                   const Value& value, double* solid_angle = nullptr) {
-  Rgb sum{};
-  double weight = 0;
+/// A point of a texel, from its centre in texels, and the share of the area that it stands for.
+struct FootprintNode {
+  double x, y, weight;
+};
+
+/// n x n Gauss-Legendre nodes in each of the triangles into which its diagonals part a texel: octahedra and isocubes
+/// bend along them.
+inline std::vector<FootprintNode> footprint_nodes(int n) {
+  const Quadrature q = box_quadrature(n);
+  std::vector<FootprintNode> nodes;
   for (std::size_t j = 0; j < q.offset.size(); ++j)
     for (std::size_t i = 0; i < q.offset.size(); ++i) {
-      const DirectionJet jet = layout.direction_jet(face, u_from_texel(x + q.offset[i], size.width, placement),
-                                                    u_from_texel(y + q.offset[j], size.height, placement));
-      const double w = q.weight[i] * q.weight[j] * length(cross(jet.du, jet.dv));
-      const Rgb rgb = value(jet.d);
-      for (std::size_t c = 0; c < 3; ++c) sum[c] += w * rgb[c];
-      weight += w;
+      const double out = q.offset[j] + 0.5, far = 0.5 * out, aside = out * q.offset[i];
+      const double weight = 0.5 * out * q.weight[i] * q.weight[j];
+      nodes.push_back({far, aside, weight}), nodes.push_back({-far, aside, weight});
+      nodes.push_back({aside, far, weight}), nodes.push_back({aside, -far, weight});
     }
+  return nodes;
+}
+
+/// The mean of value(d) over a texel's footprint.
+template <class Value>
+Rgb footprint_mean(const Layout& layout, int face, int x, int y, Size size, Placement placement,
+                   std::span<const FootprintNode> nodes, const Value& value, double* solid_angle = nullptr) {
+  Rgb sum{};
+  double weight = 0;
+  for (const FootprintNode& node : nodes) {
+    const DirectionJet jet = layout.direction_jet(face, u_from_texel(x + node.x, size.width, placement),
+                                                  u_from_texel(y + node.y, size.height, placement));
+    const double w = node.weight * length(cross(jet.du, jet.dv));
+    const Rgb rgb = value(jet.d);
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += w * rgb[c];
+    weight += w;
+  }
   for (double& v : sum) v /= weight;
   if (solid_angle) *solid_angle = weight;
   return sum;
@@ -152,7 +172,7 @@ using Chosen = std::function<bool(Vec3)>;
 inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& signal,
                                 std::span<const Estimate> estimates, double most = 3e4, const Chosen& chosen = {}) {
   const Placement placement = layout.info().placement;
-  const Quadrature q = box_quadrature(8);
+  const std::vector<FootprintNode> nodes = footprint_nodes(6);
   const int step =
       std::max(1, static_cast<int>(std::lround(std::sqrt(static_cast<double>(texel_count(layout, height)) / most))));
   std::vector<Rgb> error(estimates.size());
@@ -182,7 +202,7 @@ inline std::vector<Rgb> quality(const Layout& layout, int height, const Signal& 
                                                u_from_texel(y, size.height, placement))))
           continue;
         double weight;
-        const Rgb truth = footprint_mean(layout, f, x, y, size, placement, q, signal, &weight);
+        const Rgb truth = footprint_mean(layout, f, x, y, size, placement, nodes, signal, &weight);
         for (std::size_t k = 0; k < estimates.size(); ++k) {
           const Rgb value = estimates[k](f, x, y);
           for (std::size_t c = 0; c < 3; ++c) row.error[k][c] += weight * (value[c] - truth[c]) * (value[c] - truth[c]);

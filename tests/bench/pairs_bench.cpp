@@ -2,15 +2,16 @@
 // Every ordered pair of layouts: how near resample() comes to the best that the source's texels allow, and at what
 // rate.
 //
-//     pairs_bench quality|rates|threads [--layouts A,B,...] [--from A,B,...] [--filter NAME] [--runs N] [--seed N]
-//     [--texels SOURCE,TARGET]
+//     pairs_bench quality|rates|threads [--layouts A,B,...] [--from A,B,...] [--filter NAME] [--samples N]
+//     [--runs N] [--seed N] [--texels SOURCE,TARGET]
 //
 // quality: PSNR of the filter (see analytic.h) beside that of the best attainable: a sinc under a Kaiser window, 16
 // taps
-//   a side, integrated over each texel's footprint by 12x12 Gauss-Legendre nodes or more (nodes are never farther apart
-//   than half a source texel: as exact as 32x32 equal steps, and more).  Texels beyond a face's edges are painted where
-//   the layout's formula goes on, so no seam limits it: an upper bound for what can be read across them.
-// rates: processor time per output texel of each pair, relative to lat-long to cube in the same run.
+//   a side, integrated over each texel's footprint by 4 x 8x8 Gauss-Legendre nodes or more (nodes are never farther
+//   apart than half a source texel: as exact as 32x32 equal steps, and more).  Texels beyond a face's edges are painted
+//   where the layout's formula goes on, so no seam limits it: an upper bound for what can be read across them.
+// rates: processor time per output texel of each pair, relative to lat-long to cube, which is measured with every row
+//   anew: of its times and of a pair's the least.
 // threads: time with one and with two threads; the least of the runs.
 // --texels: of sources and of targets, about; 5.2e5,3.9e5 as at the pair 1024x512 and 256.
 #include <cmath>
@@ -109,7 +110,7 @@ class Best {
 struct Options {
   std::vector<const Layout*> from, to;
   const Filter* filter = find_filter("auto");
-  int runs = 5;
+  int runs = 5, samples = 0;
   unsigned seed = 1;
   double source_texels = 5.2e5, target_texels = 3.9e5;
 };
@@ -120,6 +121,7 @@ ResampleOptions resampling(const Options& options, const Layout& to) {
   r.height = height_of(to, options.target_texels);
   r.placement = to.info().placement;
   r.filter = options.filter;
+  r.samples = options.samples;
   return r;
 }
 
@@ -132,7 +134,7 @@ EnvImage converted(EnvImage&& source, const ResampleOptions& options, EnvImage r
 
 void print_quality(const Options& options) {
   const int least_nodes = static_cast<int>(2 * std::sqrt(options.source_texels / options.target_texels) * 1.6);
-  const Quadrature nodes = box_quadrature(std::max(12, least_nodes));
+  const std::vector<FootprintNode> nodes = footprint_nodes(std::max(8, least_nodes));
   std::printf("| from | to | %s R | G | B | best R | G | B | short by R | G | B |\n",
               std::string(options.filter->name).c_str());
   std::printf("|---|---|---|---|---|---|---|---|---|---|---|\n");
@@ -180,21 +182,28 @@ double nanoseconds(const Options& options, EnvImage&& source, const Layout& to) 
 }
 
 void print_rates(const Options& options) {
-  const double unit = nanoseconds(options, gradient(options, *find_layout("latlong")), *find_layout("cube"));
+  const Layout &latlong = *find_layout("latlong"), &cube = *find_layout("cube");
+  double unit = 1e30;
+  std::vector<double> times;  // by row
+  for (const Layout* from : options.from) {
+    unit = std::min(unit, nanoseconds(options, gradient(options, latlong), cube));
+    EnvImage source = gradient(options, *from);
+    for (const Layout* to : options.to) times.push_back(from == to ? 0 : nanoseconds(options, std::move(source), *to));
+  }
   std::printf("lat-long to cube: %.1f ns of processor time a texel\n\n| from \\ to |", unit);
   for (const Layout* to : options.to) std::printf(" %s |", std::string(to->name()).c_str());
   std::printf("\n|---|");
   for (std::size_t i = 0; i < options.to.size(); ++i) std::printf("---|");
   std::printf("\n");
+  auto time = times.begin();
   for (const Layout* from : options.from) {
     std::printf("| %s |", std::string(from->name()).c_str());
-    EnvImage source = gradient(options, *from);
     for (const Layout* to : options.to) {
       if (from == to)
         std::printf(" |");
       else
-        std::printf(" %.2f |", nanoseconds(options, std::move(source), *to) / unit);
-      std::fflush(stdout);
+        std::printf(" %.2f |", *time / unit);
+      ++time;
     }
     std::printf("\n");
   }
@@ -243,6 +252,7 @@ int main(int argc, char** argv) {
     if (word == "--layouts") options.from = options.to = layouts_of(value);
     if (word == "--from") options.from = layouts_of(value);
     if (word == "--filter") options.filter = find_filter(value);
+    if (word == "--samples") options.samples = std::atoi(value.c_str());
     if (word == "--runs") options.runs = std::max(1, std::atoi(value.c_str()));
     if (word == "--seed") options.seed = static_cast<unsigned>(std::atoi(value.c_str()));
     if (word == "--texels") {
