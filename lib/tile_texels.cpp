@@ -232,7 +232,8 @@ void TileSampler::texel_pass(Workspace& w, const Tile& tile, const TilePlan& til
                              bool on_crease, TexelMask& met) {
   // At a disc's rim texels need very different numbers of samples, and few along it.
   enum class Sampled { not_at_all, once, by_rows, from_rim, in_triangles };
-  const bool rim = !tile_plan.inside && options_.samples == 0 && filter_.window == 1.0;
+  const bool as_needed = options_.samples == 0 || (options_.samples > 1 && is_prefiltered(filter_.kernel));
+  const bool rim = !tile_plan.inside && as_needed && filter_.window == 1.0;
   const auto sampled = [&](int i, int j) {
     if (only && !only->holds(i, j)) return Sampled::not_at_all;
     if (on_crease) return Sampled::in_triangles;
