@@ -22,6 +22,29 @@ float sample_weight(const Quadrature& qu, const Quadrature& qv, int k, int m, fl
   return static_cast<float>(qu.weight[i] * qv.weight[j]) * std::max(0.0f, 1.0f + gx * ox + gy * oy);
 }
 
+// The samples of one texel, in the workspace's batches: read(n) is called when one is full, and by flush().
+template <class Read>
+class TexelSamples {
+ public:
+  TexelSamples(Workspace& w, const Read& read) : w_(w), read_(read) {}
+  void add(double u, double v, float weight) {
+    w_.u[count_] = static_cast<float>(u), w_.v[count_] = static_cast<float>(v), w_.weight[count_] = weight;
+    total_ += static_cast<double>(weight);
+    if (++count_ == most_samples) flush();
+  }
+  void flush() {
+    if (count_ > 0) read_(count_);
+    count_ = 0;
+  }
+  double total() const { return total_; }  // of the weights
+
+ private:
+  Workspace& w_;
+  const Read& read_;
+  double total_ = 0;
+  int count_ = 0;
+};
+
 }  // namespace
 
 // Calls visit(n) for every batch of samples of texels [run.begin, run.end) in row j of the tile, taken in turn, with
@@ -133,22 +156,16 @@ void TileSampler::sample_rim_texel(const Tile& tile, const TilePlan& plan, int i
   float gx[largest_tile], gy[largest_tile];
   density_slopes(plan, tile, j, i, i + 1, gx, gy);
   const RimSamples samples = rim_samples(image_, out_, source_from_out_, filter_, tile.face, x, y);
-  double total = 0;
-  int count = 0;
-  const auto flush = [&] {
-    if (count == 0) return;
+  const auto read = [&](int count) {
     find_batch(filter_.kernel, tile, w, count);
     visit(count);
-    count = 0;
   };
-  const auto add = [&](double dx, double dy, double weight) {
+  TexelSamples batch(w, read);
+  // A texel's place on the disc, or the rim's nearest to it.
+  const auto place = [&](double dx, double dy, float weight) {
     const double a = u + extent * dx - 0.5, b = v + extent * dy - 0.5, r = 2 * std::sqrt(a * a + b * b);
     const double scale = r < 1 ? 1 : (1 - 1e-6) / r;
-    const float density = std::max(0.0f, 1 + gx[i] * static_cast<float>(dx) + gy[i] * static_cast<float>(dy));
-    w.u[count] = static_cast<float>(0.5 + scale * a), w.v[count] = static_cast<float>(0.5 + scale * b);
-    w.weight[count] = static_cast<float>(weight) * density;
-    total += static_cast<double>(w.weight[count]);
-    if (++count == most_samples) flush();
+    batch.add(0.5 + scale * a, 0.5 + scale * b, weight);
   };
   for (int piece = 0; piece < samples.texel.pieces(); ++piece) {
     const Quadrature &out = tables_.nodes(samples.outwards[piece]), &aside = tables_.nodes(samples.aside);
@@ -160,17 +177,17 @@ void TileSampler::sample_rim_texel(const Tile& tile, const TilePlan& plan, int i
       for (std::size_t m = 0; m < aside.offset.size(); ++m) {
         const auto [dx, dy] =
             samples.texel.place(node.outwards, 0.5 * (chord.begin + chord.end) + length * aside.offset[m]);
-        add(dx, dy, node.weight * length * aside.weight[m]);
+        const float density = std::max(0.0f, 1 + gx[i] * static_cast<float>(dx) + gy[i] * static_cast<float>(dy));
+        place(dx, dy, static_cast<float>(node.weight * length * aside.weight[m]) * density);
       }
     }
   }
-  flush();
-  if (!(total > 0)) {
-    add(0, 0, 1);
-    w.weight[0] = 1, total = 1;
-    flush();
-  }
-  w.total[i] = static_cast<float>(total);
+  batch.flush();
+  w.total[i] = static_cast<float>(batch.total());
+  if (batch.total() > 0) return;
+  place(0, 0, 1);
+  batch.flush();
+  w.total[i] = 1;
 }
 
 // The same for texel i of row j, on a crease, in the eight triangles of its diagonals and axes: those of the layouts
@@ -197,19 +214,13 @@ void TileSampler::sample_creased_texel(const Tile& tile, const TilePlan& plan, i
   // A triangle's side is half of a texel's: two nodes see a wave of two texels there to -57 dB, and of four to -81.
   const int asked = options_.samples, needed = (std::max(plan.ku, plan.kv) + 1) / 2;
   const Quadrature& nodes = tables_.nodes(std::max({2, needed, asked > 0 ? asked + 1 : 0}));
-  double total = 0;
-  int count = 0;
-  const auto flush = [&] {
-    if (count == 0) return;
+  const auto read = [&](int count) {
     find_batch(filter_.kernel, tile, w, count);
     visit(count);
-    count = 0;
   };
+  TexelSamples batch(w, read);
   const auto add = [&](double x, double y, double weight) {
-    w.u[count] = static_cast<float>(u + extent_u * x), w.v[count] = static_cast<float>(v + extent_v * y);
-    w.weight[count] = static_cast<float>(weight);
-    total += static_cast<double>(w.weight[count]);
-    if (++count == most_samples) flush();
+    batch.add(u + extent_u * x, v + extent_v * y, static_cast<float>(weight));
   };
   for (const int right : {-1, 1})
     for (const int down : {-1, 1})
@@ -223,8 +234,8 @@ void TileSampler::sample_creased_texel(const Tile& tile, const TilePlan& plan, i
           add(0.5 * right * out * aside, 0.5 * down * out, weight * (inner + middle * density[1 + down][1]));
         }
       }
-  flush();
-  w.total[i] = static_cast<float>(total);
+  batch.flush();
+  w.total[i] = static_cast<float>(batch.total());
 }
 
 // Samples every texel for itself, or only some, with positive weights.  on_crease: these are.
