@@ -27,6 +27,7 @@
 
 #include "exr_chunk_reader.h"
 #include "exr_shared.h"
+#include "output_file.h"
 
 namespace envconv {
 namespace {
@@ -429,7 +430,7 @@ class ExrDecoder final : public Decoder {
     const Imf::Header& header = file_->header(index);
     if (Imf::isDeepData(header.type())) return bad_input("deep images are not environment maps");
     if (header.type() != Imf::TILEDIMAGE && header.type() != Imf::SCANLINEIMAGE)
-      return bad_input("a part of type " + header.type() + ", which is not known");
+      return bad_input("a part of type " + printable(header.type().substr(0, 64)) + ", which is not known");
     Window data(header.dataWindow());
     const Window display(header.displayWindow());
     if (data.width() < 1 || data.height() < 1) return bad_input("an empty image");

@@ -241,6 +241,24 @@ TEST_F(Io, ExrKindsThatAreRefused) {
   ASSERT_FALSE(file.ok());
   EXPECT_NE(file.error().message.find("channel B is subsampled"), std::string::npos) << file.error().message;
   {
+    // A type that is none, and what it would do to a terminal.
+    std::vector<Picture> parts;
+    for (const char* name : {"px", "nx"}) {
+      parts.push_back(make(8, 8, 3));
+      parts.back().name = name;
+    }
+    ASSERT_TRUE(write_pictures(path("type.exr"), std::move(parts), {}).ok());
+    std::string bytes = bytes_of(path("type.exr"));
+    const std::size_t at = bytes.find("scanlineimage");
+    ASSERT_NE(at, std::string::npos);
+    bytes.replace(at, 4, "\x1b[1m");
+    std::ofstream(path("type.exr"), std::ios::binary) << bytes;
+  }
+  file = read_pictures(path("type.exr"), {});
+  ASSERT_FALSE(file.ok());
+  EXPECT_EQ(file.error().code, ErrorCode::input);
+  EXPECT_NE(file.error().message.find("type \\x1b[1mlineimage, which"), std::string::npos) << file.error().message;
+  {
     // Begun and never finished.
     Imf::Header header(box, box);
     header.channels().insert("Y", Imf::Channel(Imf::HALF));

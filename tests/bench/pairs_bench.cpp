@@ -6,10 +6,9 @@
 //     [--runs N] [--seed N] [--texels SOURCE,TARGET]
 //
 // quality: PSNR of the filter (see analytic.h) beside that of the best attainable: a sinc under a Kaiser window, 16
-// taps
-//   a side, integrated over each texel's footprint by 4 x 8x8 Gauss-Legendre nodes or more (nodes are never farther
-//   apart than half a source texel: as exact as 32x32 equal steps, and more).  Texels beyond a face's edges are painted
-//   where the layout's formula goes on, so no seam limits it: an upper bound for what can be read across them.
+//   taps a side, integrated over each texel's footprint by 4 x 8x8 Gauss-Legendre nodes or more (nodes are never
+//   farther apart than half a source texel: as exact as 32x32 equal steps, and more).  Texels beyond a face's edges are
+//   painted where the layout's formula goes on, so no seam limits it: an upper bound for what can be read across them.
 // rates: processor time per output texel of each pair, relative to lat-long to cube, which is measured with every row
 //   anew: of its times and of a pair's the least.
 // threads: time with one and with two threads; the least of the runs.
